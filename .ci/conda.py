@@ -29,12 +29,19 @@ def recipe(project: dict[str, Any], built_with: list[str], sdist: Path) -> dict[
     python = f"python {project['requires-python']}"
     return {
         "schema_version": 1,
-        "package": {"name": project["name"], "version": sdist.name.removesuffix(".tar.gz").rpartition("-")[2]},
+        "package": {
+            "name": project["name"],
+            "version": sdist.name.removesuffix(".tar.gz").rpartition("-")[2],
+        },
         "source": {"path": sdist.name, "sha256": hashlib.sha256(sdist.read_bytes()).hexdigest()},
         "build": {
             "noarch": "python",
             "script": "python -m pip install . --no-deps --no-build-isolation",
-            "python": {"entry_points": [f"{name} = {target}" for name, target in project["scripts"].items()]},
+            "python": {
+                "entry_points": [
+                    f"{name} = {target}" for name, target in project["scripts"].items()
+                ]
+            },
         },
         "requirements": {
             "host": [python, "pip", *map(spec, built_with)],
@@ -53,7 +60,9 @@ def write(folder: Path) -> Path:
     """Write FOLDER/recipe.yaml for the sdist in this folder."""
     archives = sorted(folder.glob("*.tar.gz"))
     if len(archives) != 1:
-        sys.exit(f"{folder}: given {len(archives)} archives .tar.gz, expected one; make dist writes it")
+        sys.exit(
+            f"{folder}: given {len(archives)} archives .tar.gz, expected one; make dist writes it"
+        )
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     made = recipe(pyproject["project"], pyproject["build-system"]["requires"], archives[0])
     path = folder / "recipe.yaml"

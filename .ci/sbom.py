@@ -26,7 +26,13 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 def needed(requirements: list[str]) -> list[str]:
     """Names of the packages of these requirements that this computer needs, without extras."""
     found = (Requirement(text) for text in requirements)
-    return sorted({canonicalize_name(r.name) for r in found if r.marker is None or r.marker.evaluate({"extra": ""})})
+    return sorted(
+        {
+            canonicalize_name(r.name)
+            for r in found
+            if r.marker is None or r.marker.evaluate({"extra": ""})
+        }
+    )
 
 
 def closure(names: list[str]) -> dict[str, list[str]]:
@@ -45,7 +51,9 @@ def closure(names: list[str]) -> dict[str, list[str]]:
             try:
                 graph[name] = needed(requires(name) or [])
             except PackageNotFoundError:
-                raise SystemExit(f"sbom: package {name} is not installed; run: make setup") from None
+                raise SystemExit(
+                    f"sbom: package {name} is not installed; run: make setup"
+                ) from None
             todo += graph[name]
     return dict(sorted(graph.items()))
 
@@ -54,9 +62,15 @@ def license_of(package: PackageMetadata) -> str:
     """License of a package: its expression, else its classifiers, else the first line of its text."""
     if expression := package.get("License-Expression"):
         return expression
-    classifiers = (c for c in package.get_all("Classifier") or [] if c.count("::") == 2 and c.startswith("License"))
+    classifiers = (
+        c
+        for c in package.get_all("Classifier") or []
+        if c.count("::") == 2 and c.startswith("License")
+    )
     words = [c.rpartition("::")[2].strip() for c in classifiers]
-    return " OR ".join(words) or next(iter((package.get("License") or "unknown").strip().splitlines()))
+    return " OR ".join(words) or next(
+        iter((package.get("License") or "unknown").strip().splitlines())
+    )
 
 
 def version() -> str:
@@ -83,9 +97,17 @@ def bill() -> dict[str, Any]:
     """The bill of materials."""
     own = component(PROJECT["name"], version(), PROJECT["license"], "application")
     graph = closure(needed(PROJECT["dependencies"]))
-    parts = {n: component(n, metadata(n)["Version"], license_of(metadata(n)), "library") for n in graph}
-    edges = [(own, needed(PROJECT["dependencies"])), *((parts[name], names) for name, names in graph.items())]
-    listed = [{"ref": a["bom-ref"], "dependsOn": [parts[name]["bom-ref"] for name in names]} for a, names in edges]
+    parts = {
+        n: component(n, metadata(n)["Version"], license_of(metadata(n)), "library") for n in graph
+    }
+    edges = [
+        (own, needed(PROJECT["dependencies"])),
+        *((parts[name], names) for name, names in graph.items()),
+    ]
+    listed = [
+        {"ref": a["bom-ref"], "dependsOn": [parts[name]["bom-ref"] for name in names]}
+        for a, names in edges
+    ]
     content = json.dumps([own, *parts.values()], sort_keys=True)
     time = datetime.fromtimestamp(int(os.environ.get("SOURCE_DATE_EPOCH", "315532800")), UTC)
     return {

@@ -38,12 +38,16 @@ def agreement(count: int) -> tuple[float, float, float]:
     starts, ends = np.array([move.start for move in moves]), np.array([move.end for move in moves])
     with tempfile.TemporaryDirectory() as folder:
         made = flexgen.generate(MODEL, Path(folder) / "library", functions=["inverse_dynamics"])
-        mover = JointMoves(equations, TimeLaw(1.0, 5), flexgen.load(made.directory).inverse_dynamics)
+        mover = JointMoves(
+            equations, TimeLaw(1.0, 5), flexgen.load(made.directory).inverse_dynamics
+        )
     found = mover.torques(starts, ends)
     worst, began = 0.0, time.process_time()
     for move, torque in zip(moves, found, strict=True):
         one = flexgen.solve(equations, move, "closed-form", verify=False).trajectory["tau_m"]
-        worst = max(worst, float((np.abs(torque - one).max(axis=0) / np.abs(one).max(axis=0)).max()))
+        worst = max(
+            worst, float((np.abs(torque - one).max(axis=0) / np.abs(one).max(axis=0)).max())
+        )
     return worst, (time.process_time() - began) / count, float(mover.n)
 
 

@@ -37,15 +37,32 @@ def scores() -> str:
             parts = [f"{value:.4f}" for value in numbers] if s.accepted else ["refused"]
             rows.append((s.controller, *parts, *[""] * (4 + len(s.scenario.sets) - len(parts))))
         head = ("controller", "V", "worst draw", "spread", "nominal", *found[0].scenario.sets)
-        out.append(f"### {found[0].scenario.title_line}\n\nOne score: {seconds:.2f} s.\n\n{table(head, rows)}")
+        out.append(
+            f"### {found[0].scenario.title_line}\n\nOne score: {seconds:.2f} s.\n\n{table(head, rows)}"
+        )
     return "\n".join(out)
 
 
 def observers(names: Iterable[str]) -> list[str]:
     """The sections of the observers."""
     head = ("model", "states", "outputs", "observer", "us a step", "over one forward dynamics")
-    errors = ("model", "robot", "reference", "extended", "constant gain", "extended, acc.", "constant gain, acc.")
-    learned = ("model", "measured by", "largest error of each iteration", "dynamic", "measured", "best")
+    errors = (
+        "model",
+        "robot",
+        "reference",
+        "extended",
+        "constant gain",
+        "extended, acc.",
+        "constant gain, acc.",
+    )
+    learned = (
+        "model",
+        "measured by",
+        "largest error of each iteration",
+        "dynamic",
+        "measured",
+        "best",
+    )
     names = list(names)
     return [
         "## Observers\n\nC for this processor, one core, the least of 400 rounds of 20 steps; in the last column over "
@@ -66,20 +83,44 @@ def differing(quick: bool) -> list[str]:
     sections = [
         "## Halving the steps\n\nStiffness -10 %, P-PI, 1 ms; largest change of an arm coordinate, rad or m, from 2 to "
         "4, 4 to 8 and 8 to 16 steps a sample.\n\n"
-        + table(("model", "largest eigenvalue, 1/s", "2 to 4", "4 to 8", "8 to 16", "order"), halved_steps(names)),
+        + table(
+            ("model", "largest eigenvalue, 1/s", "2 to 4", "4 to 8", "8 to 16", "order"),
+            halved_steps(names),
+        ),
     ]
     if quick:
         return sections
-    settings = ("model", "move", "time, s", "against the given law", "vibration, um", "inversions", "processor, s")
+    settings = (
+        "model",
+        "move",
+        "time, s",
+        "against the given law",
+        "vibration, um",
+        "inversions",
+        "processor, s",
+    )
     return [
         *sections,
         "## Settings of learning\n\nP-PI at 1 ms. Learning ends where the error grows, and the best iteration is kept."
-        "\n\n" + table(("model", "robot", "Q, Hz", "gain", "largest error, mm", "best"), learning_settings()),
+        "\n\n"
+        + table(
+            ("model", "robot", "Q, Hz", "gain", "largest error, mm", "best"), learning_settings()
+        ),
         "## Settings of minimum time\n\nThe first move within the largest torques of its given law; vibration after "
         "the end with stiffness -10 %.\n\n" + table(settings, time_settings("planar5_nmp")),
         "## Collisions\n\nmanutec_r3_18, thresholds from 60 robots with stiffness +-10 % and load +-1 kg; 30 pushes on "
         "the tool for each force, 100 runs without.\n\n"
-        + table(("force, N", "bandwidth, Hz", "found after, ms", "median, ms", "missed", "false alarms"), collisions()),
+        + table(
+            (
+                "force, N",
+                "bandwidth, Hz",
+                "found after, ms",
+                "median, ms",
+                "missed",
+                "false alarms",
+            ),
+            collisions(),
+        ),
         "## Loads\n\nmanutec_r3_18 with 20 kg, the first move, noise of the motor angles 1e-4 rad.\n\n"
         + table(
             (
@@ -99,7 +140,10 @@ def replaced(text: str, sections: Iterable[str]) -> str:
     """A page with some sections written again, or added at its end."""
     parts = text.split("\n## ")
     found = {part.partition("\n")[0]: part.rstrip("\n") for part in parts[1:]}
-    found |= {s.removeprefix("## ").partition("\n")[0]: s.removeprefix("## ").rstrip("\n") for s in sections}
+    found |= {
+        s.removeprefix("## ").partition("\n")[0]: s.removeprefix("## ").rstrip("\n")
+        for s in sections
+    }
     return parts[0] + "".join(f"\n## {part}\n" for part in found.values())
 
 
@@ -120,7 +164,9 @@ def main() -> None:
     learned = "P-PI at 1 ms, noise of the motor angles 1e-4 rad; largest error, at rest included."
     names = list(SIZES)[:2] if quick else list(SIZES)
     if "--loops" in sys.argv:
-        TARGET.write_text(replaced(TARGET.read_text(), [f"## Speed of the loop\n\n{LOOPS}\n\n{loops(names)}"]))
+        TARGET.write_text(
+            replaced(TARGET.read_text(), [f"## Speed of the loop\n\n{LOOPS}\n\n{loops(names)}"])
+        )
         return
     parts = [
         f"# Control\n\nWritten by `python benchmarks/control.py`. {machine}\n",

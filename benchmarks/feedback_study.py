@@ -28,7 +28,10 @@ def robots(study: FeedbackStudy) -> str:
     out = []
     for setting in study.settings:
         how = "state exact" if setting.exact else "measured angles"
-        lines = ["| feedback | tuning | " + " | ".join(study.plants) + " |", "|" + "---|" * (len(study.plants) + 2)]
+        lines = [
+            "| feedback | tuning | " + " | ".join(study.plants) + " |",
+            "|" + "---|" * (len(study.plants) + 2),
+        ]
         for family in FAMILIES:
             best = study.best(setting, family)
             if best is not None:
@@ -43,7 +46,9 @@ def bounds() -> str:
     lines = ["| gains, delay | without prediction | predicted |", "|---|---|---|"]
     for form in ("continuous", "discrete"):
         for delay in (0.0, 1.0):
-            found = [2 * np.pi * largest_frequency(4, form, Timing(1.0, delay, p)) for p in (False, True)]
+            found = [
+                2 * np.pi * largest_frequency(4, form, Timing(1.0, delay, p)) for p in (False, True)
+            ]
             cells = " | ".join(f"{x:.4f}" if x < np.pi else "all" for x in found)
             lines.append(f"| {form}, {'one sample' if delay else 'none'} | {cells} |")
     return "\n".join(lines) + "\n"
@@ -62,7 +67,9 @@ def steps() -> str:
     lines = ["| law | us a step |", "|---|---|"]
     for (_, name), time in zip(made[1:], seconds[1:], strict=True):
         own = 1e6 * (time - seconds[0]) / len(case.reference.time)
-        lines.append(f"| {name} | {f'{own:.1f}' if own >= RESOLUTION_US else f'< {RESOLUTION_US}'} |")
+        lines.append(
+            f"| {name} | {f'{own:.1f}' if own >= RESOLUTION_US else f'< {RESOLUTION_US}'} |"
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -39,16 +39,21 @@ ROBOT, POSES, BAND = "manutec_r3_18", 8, {"f_min": 1.25, "f_max": 110.0}
 def without_coulomb(name: str) -> RobotModel:
     """The model with viscous friction only."""
     model = flexgen.read(name)
-    motors = (replace(m, friction=replace(m.friction, coulomb=0.0, stribeck=0.0)) for m in model.motors)
+    motors = (
+        replace(m, friction=replace(m.friction, coulomb=0.0, stribeck=0.0)) for m in model.motors
+    )
     return replace(model, motors=tuple(motors))
 
 
-def another(model: RobotModel, seed: int, spread: float, names: Iterable[str] = ("stiffness", "damping")) -> RobotModel:
+def another(
+    model: RobotModel, seed: int, spread: float, names: Iterable[str] = ("stiffness", "damping")
+) -> RobotModel:
     """The robot with other numbers: random factors up to ``1 + spread``."""
     rng = np.random.default_rng(seed)
     limit = np.log1p(spread)
     return with_values(
-        model, {p.name: p.value * np.exp(rng.uniform(-limit, limit)) for p in select(model, list(names))}
+        model,
+        {p.name: p.value * np.exp(rng.uniform(-limit, limit)) for p in select(model, list(names))},
     )
 
 
@@ -90,14 +95,25 @@ def times(quick: bool) -> str:
         model = flexgen.read(name)
         local = LocalModel(model, default_free(model))
         home = np.array(model.home)
-        poses = (home + np.random.default_rng(0).uniform(-0.3, 0.3, (POSES, len(home)))) @ model.eta.T
+        poses = (
+            home + np.random.default_rng(0).uniform(-0.3, 0.3, (POSES, len(home)))
+        ) @ model.eta.T
         rest = local.rest(local.values, poses)
         arguments = (local.values, poses, w, Drive(5e-4))
         plain = fastest(partial(local.response, *arguments, derivatives=False, rest=rest))
         both = fastest(partial(local.response, *arguments, rest=rest))
         equilibrium = fastest(partial(local.rest, local.values, poses))
-        rows.append([f"`{name}`", model.dof, len(local.names), 1e3 * plain, 1e3 * both, 1e3 * equilibrium])
-    head = ["robot", "degrees of freedom", "parameters", "model, ms", "model and derivatives, ms", "poses of rest, ms"]
+        rows.append(
+            [f"`{name}`", model.dof, len(local.names), 1e3 * plain, 1e3 * both, 1e3 * equilibrium]
+        )
+    head = [
+        "robot",
+        "degrees of freedom",
+        "parameters",
+        "model, ms",
+        "model and derivatives, ms",
+        "poses of rest, ms",
+    ]
     return f"## Linear models: {POSES} poses, 63 frequencies\n\n" + table(head, rows)
 
 
@@ -106,7 +122,9 @@ def agreement() -> str:
     rows = []
     for name in ("planar5_nmp", ROBOT):
         model = without_coulomb(name)
-        plan = flexgen.excite(model, poses=POSES, periods=2, transients=2, speed_rms=0.005, progress=False)
+        plan = flexgen.excite(
+            model, poses=POSES, periods=2, transients=2, speed_rms=0.005, progress=False
+        )
         began = time.perf_counter()
         data = flexgen.frf(flexgen.measure(plan, model, progress=False))
         wall = time.perf_counter() - began
@@ -114,9 +132,19 @@ def agreement() -> str:
         for hold, drive in (("yes", Drive(5e-4)), ("no", Drive(0.0))):
             G = local.response(local.values, plan.poses, data.w, drive, derivatives=False).G
             away = np.abs(np.einsum("klaa->kla", data.G / G) - 1)
-            rows.append([f"`{name}`", hold, float(np.median(away)), float(away.max()), plan.duration_s / wall])
+            rows.append(
+                [
+                    f"`{name}`",
+                    hold,
+                    float(np.median(away)),
+                    float(away.max()),
+                    plan.duration_s / wall,
+                ]
+            )
     head = ["robot", "hold in the model", "median difference", "largest", "s of robot per s"]
-    return "## Experiments without noise against the linear model, diagonal elements\n\n" + table(head, rows)
+    return "## Experiments without noise against the linear model, diagonal elements\n\n" + table(
+        head, rows
+    )
 
 
 def poses(quick: bool) -> str:
@@ -128,20 +156,32 @@ def poses(quick: bool) -> str:
     wall = time.perf_counter() - began
     offered = operating_points.candidates(model, 300, 0)
     F, _ = operating_points.information(vector, plan, offered, every=3)
-    target = [k for k, name in enumerate(vector.names) if not name.endswith(operating_points.FRICTIONS)]
+    target = [
+        k for k, name in enumerate(vector.names) if not name.endswith(operating_points.FRICTIONS)
+    ]
 
     def accuracy(chosen: list[int]) -> np.ndarray:
-        return 100 * np.sqrt(np.diag(operating_points.covariance(F[chosen].sum(axis=0), vector.prior_sd))[target])
+        return 100 * np.sqrt(
+            np.diag(operating_points.covariance(F[chosen].sum(axis=0), vector.prior_sd))[target]
+        )
 
     rng, rows = np.random.default_rng(1), []
     for count in (1, 4, 8):
-        random = [rms(accuracy(rng.choice(len(F), count, replace=False).tolist())) for _ in range(100)]
+        random = [
+            rms(accuracy(rng.choice(len(F), count, replace=False).tolist())) for _ in range(100)
+        ]
         row: list[Any] = [count, float(np.median(random)), min(random)]
         for criterion in "DA":
             sd = accuracy(operating_points.choose(F, count, vector, criterion))
             row.append(f"{rms(sd):.3g} / {sd.max():.3g}")
         rows.append(row)
-    head = ["poses", "random, median of 100", "random, best of 100", "D, rms / largest", "A, rms / largest"]
+    head = [
+        "poses",
+        "random, median of 100",
+        "random, best of 100",
+        "D, rms / largest",
+        "A, rms / largest",
+    ]
     title = f"## Expected standard deviations of 24 springs and dampers, %: `{ROBOT}`"
     return f"{title}\n\n{table(head, rows)}\n\nPlanning with 300 candidates: {wall:.1f} s."
 
@@ -150,16 +190,22 @@ def fits(quick: bool) -> str:
     """Fits without Coulomb friction: errors, claimed deviations, starts."""
     model, rows = without_coulomb(ROBOT), []
     truth = another(model, 3, 0.3)
-    plan = flexgen.excite(model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **BAND)
+    plan = flexgen.excite(
+        model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **BAND
+    )
     chains = 3 if quick else 12
-    data = [flexgen.frf(flexgen.measure(plan, truth, seed=k, progress=False)) for k in range(chains)]
+    data = [
+        flexgen.frf(flexgen.measure(plan, truth, seed=k, progress=False)) for k in range(chains)
+    ]
     for label, options in (
         ("elements", {"structured": False}),
         ("logarithms", {"residual": "lls"}),
         ("structured", {}),
     ):
         found = [flexgen.identify(model, d, starts=1, progress=False, **options) for d in data]
-        k, d = (np.array([errors(f, truth, kind) for f in found]) for kind in ("stiffness", "damping"))
+        k, d = (
+            np.array([errors(f, truth, kind) for f in found]) for kind in ("stiffness", "damping")
+        )
         names = [n for n in found[0].vector.names if n.endswith(("stiffness", "damping"))]
         sd = np.array([[100 * f.sd[n] for n in names] for f in found])
         away = np.array([[100 * np.log(f.values[n]) for n in names] for f in found])
@@ -167,11 +213,23 @@ def fits(quick: bool) -> str:
         ratio = np.abs(away - 100 * np.log([true[n] for n in names])) / sd
         rows.append([label, rms(k.ravel()), rms(d.ravel()), float(np.median(ratio)) / 0.674,
                      float(np.mean([f.cost for f in found])), float(np.median([f.wall_s for f in found]))])  # fmt: skip
-    head = ["weights", "stiffness, % rms", "damping, % rms", "error / claimed (1 expected)", "cost", "fit, s"]
+    head = [
+        "weights",
+        "stiffness, % rms",
+        "damping, % rms",
+        "error / claimed (1 expected)",
+        "cost",
+        "fit, s",
+    ]
     text = f"## Fits of `{ROBOT}`, {chains} repeated experiments\n\n" + table(head, rows)
     starts = 10 if quick else 40
-    many = flexgen.identify(model, data[0], starts=starts, spread=3.0, structured=False, progress=False)
-    return text + f"\n\nStarts off by up to a factor of 3 that reach the best cost: {many.agreed} of {starts}."
+    many = flexgen.identify(
+        model, data[0], starts=starts, spread=3.0, structured=False, progress=False
+    )
+    return (
+        text
+        + f"\n\nStarts off by up to a factor of 3 that reach the best cost: {many.agreed} of {starts}."
+    )
 
 
 def friction(quick: bool) -> str:
@@ -181,16 +239,23 @@ def friction(quick: bool) -> str:
         if quick and sharper > 1:
             continue
         model = flexgen.read(ROBOT)
-        motors = (replace(m, friction=replace(m.friction, beta=sharper * m.friction.beta)) for m in model.motors)
+        motors = (
+            replace(m, friction=replace(m.friction, beta=sharper * m.friction.beta))
+            for m in model.motors
+        )
         model = replace(model, motors=tuple(motors))
         truth = another(model, 5, 0.2)
         truth = another(truth, 6, 0.4, [f"{m.name}.coulomb" for m in model.motors])
-        plan = flexgen.excite(model, poses=POSES, speed_rms=0.1, hardware=NOISE, progress=False, seed=1)
+        plan = flexgen.excite(
+            model, poses=POSES, speed_rms=0.1, hardware=NOISE, progress=False, seed=1
+        )
         experiment = flexgen.measure(plan, truth, seed=3, progress=False)
         coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
         fine = flexgen.refine(coarse, experiment, progress=False)
         for what, found in (("frequency responses", coarse), ("time domain", fine)):
-            kinds = [rms(errors(found, truth, kind)) for kind in ("stiffness", "damping", "coulomb")]
+            kinds = [
+                rms(errors(found, truth, kind)) for kind in ("stiffness", "damping", "coulomb")
+            ]
             rows.append([label, what, *["" if np.isnan(x) else x for x in kinds], found.wall_s])
     head = ["Coulomb step", "fit", "stiffness, % rms", "damping, % rms", "Coulomb, % rms", "s"]
     return f"## Coulomb friction, 0.1 rad/s rms: `{ROBOT}`\n\n" + table(head, rows)
@@ -203,15 +268,32 @@ def worth(quick: bool) -> str:
         model = without_coulomb(name)
         truth = with_values(model, {p.name: 0.8 * p.value for p in select(model, ["stiffness"])})
         band = {} if name == "planar5_nmp" else BAND
-        plan = flexgen.excite(model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **band)
+        plan = flexgen.excite(
+            model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **band
+        )
         data = flexgen.frf(flexgen.measure(plan, truth, progress=False))
         found = flexgen.identify(model, data, starts=1, progress=False)
         verdict = found.verdict("line", truth=truth, progress=False)
         rows.append(
-            [f"`{name}`", *(1e6 * (verdict[m].quantile(0.5) or 0.0) for m in ("file", "identified", "rigid", "fjm"))]
+            [
+                f"`{name}`",
+                *(
+                    1e6 * (verdict[m].quantile(0.5) or 0.0)
+                    for m in ("file", "identified", "rigid", "fjm")
+                ),
+            ]
         )
-    head = ["robot, move `line`", "model file, um", "identified, um", "rigid, um", "flexible joint model, um"]
-    return "## Largest tool error of feedforward on the true robot, all springs 20 % softer\n\n" + table(head, rows)
+    head = [
+        "robot, move `line`",
+        "model file, um",
+        "identified, um",
+        "rigid, um",
+        "flexible joint model, um",
+    ]
+    return (
+        "## Largest tool error of feedforward on the true robot, all springs 20 % softer\n\n"
+        + table(head, rows)
+    )
 
 
 def worth_with_friction(quick: bool) -> str:
@@ -223,17 +305,23 @@ def worth_with_friction(quick: bool) -> str:
     truth = another(truth, 6, 0.4, [f"{m.name}.coulomb" for m in model.motors])
     rows = []
     for speed in (0.1, 0.2):
-        plan = flexgen.excite(model, poses=POSES, speed_rms=speed, hardware=NOISE, progress=False, seed=1)
+        plan = flexgen.excite(
+            model, poses=POSES, speed_rms=speed, hardware=NOISE, progress=False, seed=1
+        )
         experiment = flexgen.measure(plan, truth, seed=3, progress=False)
         coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
         fine = flexgen.refine(coarse, experiment, progress=False)
         for label, found in (("frequency responses", coarse), ("time domain", fine)):
             verdict = found.verdict("line", truth=truth, progress=False)
-            rows.append([speed, label, *(1e6 * (verdict[m].quantile(0.5) or 0.0) for m in ("file", "identified"))])
+            rows.append(
+                [
+                    speed,
+                    label,
+                    *(1e6 * (verdict[m].quantile(0.5) or 0.0) for m in ("file", "identified")),
+                ]
+            )
     head = ["excitation, rad/s rms", "fit", "model file, um", "identified, um"]
-    title = (
-        f"## The same on `{ROBOT}` with other Coulomb friction than in the file (up to 40 %), friction identified too"
-    )
+    title = f"## The same on `{ROBOT}` with other Coulomb friction than in the file (up to 40 %), friction identified too"
     return f"{title}\n\n{table(head, rows)}"
 
 
@@ -252,7 +340,10 @@ def sensors(quick: bool) -> str:
     model = without_coulomb(ROBOT)
     options = {"poses": 2 if quick else POSES, "hardware": NOISE, "progress": False, **BAND}
     several = f"{options['poses']} poses"
-    head = ["sensors", *(f"{n}: {k}, % rms" for n in ("1 pose", several) for k in ("stiffness", "damping"))]
+    head = [
+        "sensors",
+        *(f"{n}: {k}, % rms" for n in ("1 pose", several) for k in ("stiffness", "damping")),
+    ]
     text = table(head, choices.sensors(model, ROBOT, options))
     return f"## Expected standard deviations by sensors: `{ROBOT}`\n\n{text}"
 
@@ -267,9 +358,15 @@ def smooth_gears(quick: bool) -> str:
 def traps(quick: bool) -> str:
     """Mistakes about the robot and the drives."""
     model = without_coulomb(ROBOT)
-    plan = flexgen.excite(model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **BAND)
+    plan = flexgen.excite(
+        model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **BAND
+    )
     data = flexgen.frf(flexgen.measure(plan, model, progress=False))
-    rows = choices.traps(model, data, partial(flexgen.identify, starts=1, floor=0.0, structured=False, progress=False))
+    rows = choices.traps(
+        model,
+        data,
+        partial(flexgen.identify, starts=1, floor=0.0, structured=False, progress=False),
+    )
     head = ["mistake", "stiffness, % rms (largest)", "damping, % rms", "cost", "status"]
     note = "Wrong masses are invisible in the cost: a fit hides them in the springs."
     return f"## Mistakes: exact responses of `{ROBOT}`, weights of an experiment\n\n{table(head, rows)}\n\n{note}"
@@ -300,7 +397,9 @@ def main(words: list[str]) -> None:
         print(f"{text}\n\n[{time.perf_counter() - began:.0f} s]\n", flush=True)
         parts.append(text)
     if not quick:
-        (ROOT / "benchmarks" / "identification.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+        (ROOT / "benchmarks" / "identification.md").write_text(
+            "\n\n".join(parts) + "\n", encoding="utf-8"
+        )
 
 
 if __name__ == "__main__":

@@ -17,12 +17,21 @@ from flexgen.identification.local_model import LocalModel
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel
 
-SMOOTH = Path(__file__).resolve().parent.parent / "tests" / "support" / "robots" / "two_smooth_gears.toml"
+SMOOTH = (
+    Path(__file__).resolve().parent.parent
+    / "tests"
+    / "support"
+    / "robots"
+    / "two_smooth_gears.toml"
+)
 TOOL = [
     {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.02},
     *(
         {"name": f"{name}{k}", "type": kind, "coordinate": f"q{k}", "unit": unit, "noise": noise}
-        for name, kind, unit, noise in (("link", "link_encoder", "rad", 1e-6), ("torque", "joint_torque", "N m", 1.0))
+        for name, kind, unit, noise in (
+            ("link", "link_encoder", "rad", 1e-6),
+            ("torque", "joint_torque", "N m", 1.0),
+        )
         for k in range(1, 7)
     ),
 ]
@@ -43,7 +52,9 @@ def spectra(model: RobotModel, options: dict[str, Any]) -> list[list[Any]]:
         ("f^-1", -1.0), ("f^-0.5", -0.5), ("flat", 0.0), ("f^0.5", 0.5), ("optimal", "optimal"),
     ):  # fmt: skip
         plan = flexgen.excite(model, spectrum=spectrum, **options)
-        rows.append([label, _accuracy(plan.predicted, "stiffness"), _accuracy(plan.predicted, "damping")])
+        rows.append(
+            [label, _accuracy(plan.predicted, "stiffness"), _accuracy(plan.predicted, "damping")]
+        )
     return rows
 
 
@@ -55,8 +66,16 @@ def sensors(model: RobotModel, name: str, options: dict[str, Any]) -> list[list[
     added += [("joint torque sensors", torques)]
     rows = []
     for label, used in [("motor encoders", []), *((f"and {name}", used) for name, used in added)]:
-        plans = [flexgen.excite(robot, sensors=used, **options | {"poses": n}) for n in (1, options["poses"])]
-        rows.append([label, *(_accuracy(plan.predicted, x) for plan in plans for x in ("stiffness", "damping"))])
+        plans = [
+            flexgen.excite(robot, sensors=used, **options | {"poses": n})
+            for n in (1, options["poses"])
+        ]
+        rows.append(
+            [
+                label,
+                *(_accuracy(plan.predicted, x) for plan in plans for x in ("stiffness", "damping")),
+            ]
+        )
     return rows
 
 
@@ -65,7 +84,9 @@ def smooth_gears(hardware: flexgen.DriveHardware) -> list[list[Any]]:
     model = flexgen.read(SMOOTH)
     kinds = ("low", "high", "break_at")
     names = [f"{joint}.{kind}" for joint in ("q1", "q2") for kind in kinds]
-    motors = tuple(replace(m, friction=replace(m.friction, coulomb=0.3, beta=0.5)) for m in model.motors)
+    motors = tuple(
+        replace(m, friction=replace(m.friction, coulomb=0.3, beta=0.5)) for m in model.motors
+    )
     sticky = replace(model, motors=motors)
     rows = []
     for label, robot, speed, refine in (
@@ -76,7 +97,9 @@ def smooth_gears(hardware: flexgen.DriveHardware) -> list[list[Any]]:
     ):
         true = {p.name: p.value for p in select(robot, names)}
         rng = np.random.default_rng(0)
-        start = with_values(robot, {name: value * np.exp(rng.uniform(-0.4, 0.4)) for name, value in true.items()})
+        start = with_values(
+            robot, {name: value * np.exp(rng.uniform(-0.4, 0.4)) for name, value in true.items()}
+        )
         plan = flexgen.excite(
             robot, poses=12, free=names, speed_rms=speed, periods=4, f_min=1.0, f_max=60.0, hardware=hardware,
             transients=2, realizations=3, progress=False,
@@ -86,7 +109,9 @@ def smooth_gears(hardware: flexgen.DriveHardware) -> list[list[Any]]:
         if refine:
             found = flexgen.refine(found, experiment, progress=False)
         away = {name: abs(100 * np.log(found.values[name] / value)) for name, value in true.items()}
-        rows.append([label, *(max(away[f"{joint}.{kind}"] for joint in ("q1", "q2")) for kind in kinds)])
+        rows.append(
+            [label, *(max(away[f"{joint}.{kind}"] for joint in ("q1", "q2")) for kind in kinds)]
+        )
     return rows
 
 
@@ -95,7 +120,9 @@ def traps(model: RobotModel, data: Frf, find: Callable[..., Any]) -> list[list[A
     true = {p.name: p.value for p in select(model, ["stiffness", "damping"])}
     bodies = select(model, [f"{e.name}.mass" for e in model.elements])
     inertias = [
-        p.name for e in model.elements for p in select(model, [f"{e.name}.inertia_{a}" for a in ("xx", "yy", "zz")])
+        p.name
+        for e in model.elements
+        for p in select(model, [f"{e.name}.inertia_{a}" for a in ("xx", "yy", "zz")])
     ]
     rotors = select(model, [f"{m.name}.inertia" for m in model.motors])
     one = (1.0,) * model.n_m
@@ -121,6 +148,17 @@ def traps(model: RobotModel, data: Frf, find: Callable[..., Any]) -> list[list[A
             for name in found.vector.names
             if name in true and not found.is_weak(name)
         }
-        k, d = ([x for name, x in away.items() if name.endswith(kind)] for kind in ("stiffness", "damping"))
-        rows.append([label, f"{_rms(k):.2g} ({np.abs(k).max():.2g})", _rms(d), found.cost, str(found.status)])
+        k, d = (
+            [x for name, x in away.items() if name.endswith(kind)]
+            for kind in ("stiffness", "damping")
+        )
+        rows.append(
+            [
+                label,
+                f"{_rms(k):.2g} ({np.abs(k).max():.2g})",
+                _rms(d),
+                found.cost,
+                str(found.status),
+            ]
+        )
     return rows

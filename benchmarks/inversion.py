@@ -27,19 +27,36 @@ def say(line: str) -> None:
 
 def main() -> None:
     """Verify, time, print; write the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="two robots, one move, fewer updates; nothing written")
-    parser.add_argument(
-        "--docs", action="store_true", help="also put the short table between the markers in docs/benchmarks.md"
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), help="whole paths of these only; nothing written")
-    parser.add_argument("--opty", default=sys.executable, metavar="PYTHON", help="an interpreter that has opty")
+    parser.add_argument(
+        "--quick", action="store_true", help="two robots, one move, fewer updates; nothing written"
+    )
+    parser.add_argument(
+        "--docs",
+        action="store_true",
+        help="also put the short table between the markers in docs/benchmarks.md",
+    )
+    parser.add_argument(
+        "--robots",
+        nargs="+",
+        choices=list(ROBOTS),
+        help="whole paths of these only; nothing written",
+    )
+    parser.add_argument(
+        "--opty", default=sys.executable, metavar="PYTHON", help="an interpreter that has opty"
+    )
     args = parser.parse_args()
     began = time.perf_counter()
     builds = Builds(HERE.parent / "build" / "bench")
     say("whole paths")
     paths = path_rows(list(args.robots or (QUICK if args.quick else ROBOTS)), args.quick, say)
-    ours = {row.robot: row for row in paths if row.move == MOVE and row.method == "lq" and not row.refused}
+    ours = {
+        row.robot: row
+        for row in paths
+        if row.move == MOVE and row.method == "lq" and not row.refused
+    }
     say("other programs")
     peers = collocation_rows(ours, args.quick, say) + scipy_row(ours, args.quick, say)
     peers += opty_rows(args.opty, ours, args.quick, say)
@@ -56,7 +73,8 @@ def main() -> None:
         (HERE / "inversion.md").write_text(table)
         if args.docs:
             inversion_table.into_page(
-                HERE.parent / "docs" / "benchmarks.md", inversion_table.short(paths, streams, machine)
+                HERE.parent / "docs" / "benchmarks.md",
+                inversion_table.short(paths, streams, machine),
             )
     say(f"{time.perf_counter() - began:.0f} s in all")
 

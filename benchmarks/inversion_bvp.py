@@ -69,7 +69,9 @@ class ReducedProblem:
         _, vectors, count = schur(balanced.T, output="real", sort="rhp" if grows else "lhp")
         return vectors[:, :count].T / scale
 
-    def arm(self, t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def arm(
+        self, t: np.ndarray, y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates and speeds (m, n_a) on the path, the output's maps W_g, W_e, and its bias W' v."""
         sample, n_e = self.path.sample(t), len(self.e)
         target, dy = self.reduction.targets(sample), sample.derivative(1)
@@ -87,7 +89,9 @@ class ReducedProblem:
         v[:, self.g] = np.linalg.solve(W_g, moved[:, :, None])[:, :, 0]
         return q, v, W_g, W_e, self.library.output_constraint(q, v, target)[2]
 
-    def slopes(self, t: np.ndarray, y: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    def slopes(
+        self, t: np.ndarray, y: np.ndarray, derivatives: bool
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """Accelerations a_e (m, n_e), and their derivatives in y (m, n_e, 2 n_e)."""
         q, v, W_g, W_e, bias = self.arm(t, y)
         n, n_e = len(t), len(self.e)
@@ -137,17 +141,27 @@ class ReducedProblem:
         mesh = np.linspace(self.begin, self.end, setting.nodes)
         guess = np.vstack([self.slow(mesh)[:, self.e].T, self.slow(mesh, 1)[:, self.e].T])
         more = {"fun_jac": rate_slope, "bc_jac": ends_slope} if setting.jacobian else {}
-        return lambda: solve_bvp(dy, ends, mesh, guess, tol=setting.tolerance, max_nodes=20_000, **more)
+        return lambda: solve_bvp(
+            dy, ends, mesh, guess, tol=setting.tolerance, max_nodes=20_000, **more
+        )
 
     def answer(self, found: object) -> MethodResult | None:
         """Motion and torques from the solution's own interpolant; None where there is no solution."""
         if not found.success:  # type: ignore[attr-defined]
             return None
-        t = np.arange(int(np.floor((self.end - self.begin) / self.problem.step)) + 1) * self.problem.step + self.begin
+        t = (
+            np.arange(int(np.floor((self.end - self.begin) / self.problem.step)) + 1)
+            * self.problem.step
+            + self.begin
+        )
         y = found.sol(t)  # type: ignore[attr-defined]
         q, _, *_ = self.arm(t, y)
         sample = self.path.sample(t)
         motion, _ = self.reduction.motion(
             sample, self.reduction.close(q, self.reduction.targets(sample)), y[len(self.e) :].T
         )
-        return None if motion is None else with_motors(self.equations, t, motion, preactuation=-self.begin)
+        return (
+            None
+            if motion is None
+            else with_motors(self.equations, t, motion, preactuation=-self.begin)
+        )

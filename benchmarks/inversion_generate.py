@@ -37,7 +37,12 @@ def generate_rows(quick: bool, say: Callable[[str], None]) -> list[GenerateRow]:
             subprocess.run([sys.executable, "-c", text], env=environment, check=True)
             wall, after = time.perf_counter() - began, os.times()
         # what the children's children needed is counted, as they were waited for
-        spent = after.children_user + after.children_system - before.children_user - before.children_system
+        spent = (
+            after.children_user
+            + after.children_system
+            - before.children_user
+            - before.children_system
+        )
         rows.append(GenerateRow(robot, "native" if native else "default", wall, spent))
         say(f"  {robot}, {rows[-1].build}: {wall:.1f} s wall, {spent:.1f} s of processor time")
     return rows

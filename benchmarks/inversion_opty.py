@@ -23,7 +23,9 @@ STATUS = {
 }
 
 
-def tracking_cost(job: dict, output: Callable, jacobian: Callable, reference: np.ndarray) -> tuple[Callable, Callable]:
+def tracking_cost(
+    job: dict, output: Callable, jacobian: Callable, reference: np.ndarray
+) -> tuple[Callable, Callable]:
     """Cost and gradient that draw the tool to its path and smooth the torques."""
     n, n_x = job["nodes"], len(job["states"])
     weight, smooth = job["step"] * job["tracking"], job["smooth"] / job["step"]
@@ -31,7 +33,9 @@ def tracking_cost(job: dict, output: Callable, jacobian: Callable, reference: np
     def cost(free: np.ndarray) -> float:
         parts = free.reshape(-1, n)
         error = np.array(output(*parts[:n_x])) - reference
-        return 0.5 * float(weight * (error**2).sum() + smooth * (np.diff(parts[n_x:], axis=1) ** 2).sum())
+        return 0.5 * float(
+            weight * (error**2).sum() + smooth * (np.diff(parts[n_x:], axis=1) ** 2).sum()
+        )
 
     def gradient(free: np.ndarray) -> np.ndarray:
         parts = free.reshape(-1, n)
@@ -53,7 +57,9 @@ def end_cost(n: int, n_x: int, rest: np.ndarray) -> tuple[Callable, Callable]:
     ends = np.array([n * k for k in range(n_x)]), np.array([n * (k + 1) - 1 for k in range(n_x)])
 
     def cost(free: np.ndarray) -> float:
-        return 0.5 * float(sum(((free[at] - x) ** 2).sum() for at, x in zip(ends, rest, strict=True)))
+        return 0.5 * float(
+            sum(((free[at] - x) ** 2).sum() for at, x in zip(ends, rest, strict=True))
+        )
 
     def gradient(free: np.ndarray) -> np.ndarray:
         out = np.zeros_like(free)
@@ -84,14 +90,19 @@ def answer(job: dict) -> dict:
     rest = np.array(job["rest"])
     more: dict = {}
     if job["tracking"]:
-        output = sp.lambdify(states, tool), sp.lambdify(states, sp.Matrix(tool).jacobian(states).tolist())
+        output = (
+            sp.lambdify(states, tool),
+            sp.lambdify(states, sp.Matrix(tool).jacobian(states).tolist()),
+        )
         cost, gradient = tracking_cost(job, *output, reference)
         more["instance_constraints"] = [
             sp.Function(name)(0.0) - x for name, x in zip(job["states"], rest[0], strict=True)
         ]
     else:  # the path leaves only the zero dynamics free
         rows += [row - symbols[name] for row, name in zip(tool, job["reference"], strict=True)]
-        more["known_trajectory_map"] = dict(zip([signals[name] for name in job["reference"]], reference, strict=True))
+        more["known_trajectory_map"] = dict(
+            zip([signals[name] for name in job["reference"]], reference, strict=True)
+        )
         cost, gradient = end_cost(n, n_x, rest)
 
     problem = Problem(
@@ -129,7 +140,9 @@ def main() -> None:
     try:
         told = answer(job)
     except ImportError as error:
-        told = {"missing": f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"}
+        told = {
+            "missing": f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"
+        }
     print(json.dumps(told))
 
 

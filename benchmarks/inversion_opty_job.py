@@ -14,7 +14,8 @@ from flexgen.mechanics.output_columns import output_labels
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
-TRACKING, SMOOTH, ITERATIONS = 1e6, 1e-8, 1000  # weights and bound that served opty best, of those tried
+# weights and bound that served opty best, of those tried
+TRACKING, SMOOTH, ITERATIONS = 1e6, 1e-8, 1000
 
 
 def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]:
@@ -28,12 +29,23 @@ def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]
     rate = {x: sp.Symbol(f"{x}_rate") for x in (*q, *v)}
     forces = dict(zip(s.tau, s.torques, strict=True))
     acceleration = dict(zip((*s.a_a, *s.a_m), (rate[x] for x in v), strict=True))
-    arm = s.M * sp.Matrix(s.a_a) + s.S * sp.Matrix(s.a_m) + s.c + s.g + s.friction + s.drag - sp.Matrix(s.torques)
+    arm = (
+        s.M * sp.Matrix(s.a_a)
+        + s.S * sp.Matrix(s.a_m)
+        + s.c
+        + s.g
+        + s.friction
+        + s.drag
+        - sp.Matrix(s.torques)
+    )
     motors = [left - tau for left, tau in zip(s.motor_equations, s.tau_m, strict=True)]
     reference = [sp.Symbol(f"y_{k}") for k in range(len(s.output))]
     rows = [
         *(rate[x] - w for x, w in zip(q, v, strict=True)),
-        *(sp.sympify(row).xreplace(forces).xreplace(acceleration).xreplace(s.parameters) for row in (*arm, *motors)),
+        *(
+            sp.sympify(row).xreplace(forces).xreplace(acceleration).xreplace(s.parameters)
+            for row in (*arm, *motors)
+        ),
     ]
     lead, settle = problem.windows
     t = np.linspace(-lead, problem.path.duration + settle, nodes)
@@ -43,7 +55,10 @@ def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]
     motor = slow[:, list(problem.equations.model.i_g)] @ problem.equations.model.eta.T
     states = np.hstack([slow, motor])
     guess = np.hstack([states, np.gradient(states, t, axis=0), np.zeros((nodes, len(s.tau_m)))])
-    start, end = problem.equilibrium, reduction.equilibrium(problem.path, problem.path.duration, slow[-1])
+    start, end = (
+        problem.equilibrium,
+        reduction.equilibrium(problem.path, problem.path.duration, slow[-1]),
+    )
     still = np.zeros(len(q))
     return {
         "rows": [str(row) for row in rows],

@@ -36,9 +36,11 @@ ROBOTS = {  # and the target, ms per second of path
 }
 QUICK = ("planar5_nmp", "manutec_r3_18")
 METHODS = ("lq", *(("bvp",) if find_spec("flexgen.inversion.methods.bvp") else ()))
-SPAN = 1.0  # s: of processor time that a figure is the least of, at least; others on the machine come in bursts
+# s: of processor time that a figure is the least of, at least; others on the machine come in bursts
+SPAN = 1.0
 TIMES = 7  # calls, at least
-SAME = 1e-5  # of the largest torque: the tolerance of lq is 1e-6, and the motion may end at another time
+# of the largest torque: the tolerance of lq is 1e-6, and the motion may end at another time
+SAME = 1e-5
 
 
 @dataclass
@@ -93,16 +95,26 @@ def verified(robot: str, move: str, method: str) -> tuple[float, Solution] | str
 def error_of(solution: Solution) -> float:
     """Largest tool error in simulation [m or rad]."""
     assert solution.simulation is not None
-    return max(solution.simulation.tool_error_max_m or 0.0, solution.simulation.tool_error_max_rad or 0.0)
+    return max(
+        solution.simulation.tool_error_max_m or 0.0, solution.simulation.tool_error_max_rad or 0.0
+    )
 
 
 def arguments(equations: Equations, move: str, mesh: float) -> dict:
     """Arguments of the library for a move on a mesh of intervals of this length [s]."""
     path = Path(equations, equations.model.move(move))
-    n, period, samples_per_interval, n_pre, n_post = sampling.grid(InversionProblem(equations, path, mesh=mesh), mesh)
+    n, period, samples_per_interval, n_pre, n_post = sampling.grid(
+        InversionProblem(equations, path, mesh=mesh), mesh
+    )
     y, dy, ddy = sampling.samples(Reduction(equations), path, period, n)
     given = {"y": y, "dy": dy, "ddy": ddy, "q_start": path.q_start}
-    return {**given, "period": period, "samples_per_interval": samples_per_interval, "n_pre": n_pre, "n_post": n_post}
+    return {
+        **given,
+        "period": period,
+        "samples_per_interval": samples_per_interval,
+        "n_pre": n_pre,
+        "n_post": n_post,
+    }
 
 
 def tolerance_of(method: str) -> float:
@@ -125,7 +137,9 @@ def least_ms(call: Callable[[], object]) -> float:
     return float(best)
 
 
-def inverted(robot: str, method: str, given: dict, native: bool) -> tuple[Inversion, Callable[[], object]]:
+def inverted(
+    robot: str, method: str, given: dict, native: bool
+) -> tuple[Inversion, Callable[[], object]]:
     """The result of the library of one build, and the call that computes it."""
     library = inversion_library(derive(robot), method, native=native)
     invert: Inverter = getattr(library, "invert" if method == "lq" else method)
@@ -150,15 +164,22 @@ def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
     given = arguments(equations, move, mesh)
     default, call = inverted(robot, method, given, False)
     native, native_call = inverted(robot, method, given, True)
-    found = solution.trajectory  # it begins and ends where the robot is at rest, perhaps at other times
+    # it begins and ends where the robot is at rest, perhaps at other times
+    found = solution.trajectory
     same = np.array([np.interp(found.time, default.t, column) for column in default.tau_m.T]).T
     difference = np.abs(same - found["tau_m"]).max() / np.abs(default.tau_m).max()
     assert difference < SAME, f"timed is not what was verified: torques differ by {difference:.1e}"
     row.duration = Path(equations, equations.model.move(move)).duration
     row.motion_s = float(default.t[-1] - default.t[0])
-    row.intervals, row.iterations, row.is_ok = default.intervals, default.iterations, default.converged
+    row.intervals, row.iterations, row.is_ok = (
+        default.intervals,
+        default.iterations,
+        default.converged,
+    )
     row.default_ms, row.native_ms = (least_ms(each) / row.duration for each in (call, native_call))
-    row.native_differs = float(np.abs(native.tau_m - default.tau_m).max() / np.abs(default.tau_m).max())
+    row.native_differs = float(
+        np.abs(native.tau_m - default.tau_m).max() / np.abs(default.tau_m).max()
+    )
     return row
 
 

@@ -77,7 +77,9 @@ def _timed(*given: object) -> _Timed:
     return _Timed(_nlpsol(*given))
 
 
-def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]) -> list[PeerRow]:
+def collocation_rows(
+    ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]
+) -> list[PeerRow]:
     """IPOPT on the same reduced problem: the coarsest accurate mesh, IPOPT alone and everything."""
     rows = []
     for robot in COLLOCATED[:1] if quick else COLLOCATED:
@@ -89,7 +91,9 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
             _Timed.spent = 0.0
             began = time.process_time()
             try:
-                problem = InversionProblem(equations, Path(equations, equations.model.move(MOVE)), mesh=mesh)
+                problem = InversionProblem(
+                    equations, Path(equations, equations.model.move(MOVE)), mesh=mesh
+                )
                 with patch("casadi.nlpsol", _timed):
                     answer = collocation.solve(problem, mesh)
                 whole = time.process_time() - began
@@ -102,7 +106,10 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
             if max(error[0], error[1] or 0.0) > EXACT:
                 continue
             what = f"mesh {1e3 * mesh:g} ms, {found.iterations} iterations"
-            for contains, spent in (("IPOPT alone", _Timed.spent), ("everything, building the problem too", whole)):
+            for contains, spent in (
+                ("IPOPT alone", _Timed.spent),
+                ("everything, building the problem too", whole),
+            ):
                 rows.append(
                     PeerRow(
                         "collocation, IPOPT",
@@ -114,11 +121,22 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
                         ours[robot].native_ms,
                     )
                 )
-                say(f"  collocation, {robot}: {rows[-1].ms:.0f} ms, {contains}, {what}, {1e6 * error[0]:.2g} um")
+                say(
+                    f"  collocation, {robot}: {rows[-1].ms:.0f} ms, {contains}, {what}, {1e6 * error[0]:.2g} um"
+                )
             break
         else:
             missing = "no mesh was solved and accurate enough"
-            rows.append(PeerRow("collocation, IPOPT", robot, "", "", ours_ms=ours[robot].native_ms, missing=missing))
+            rows.append(
+                PeerRow(
+                    "collocation, IPOPT",
+                    robot,
+                    "",
+                    "",
+                    ours_ms=ours[robot].native_ms,
+                    missing=missing,
+                )
+            )
     return rows
 
 
@@ -129,7 +147,9 @@ def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None])
     equations = derive(PLANAR)
     problem = ReducedProblem(equations, MOVE, inversion_library(equations, "lq", native=True))
     timed = []
-    for tolerance, nodes, jacobian in itertools.product(TOLERANCES, NODES[::2] if quick else NODES, (True, False)):
+    for tolerance, nodes, jacobian in itertools.product(
+        TOLERANCES, NODES[::2] if quick else NODES, (True, False)
+    ):
         setting = Setting(tolerance, nodes, jacobian)
         call = problem.call(setting)
         answer = problem.answer(call())
@@ -154,7 +174,9 @@ def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None])
 def _told(command: list[str]) -> dict:
     """The result of another interpreter, or the reason for none."""
     try:
-        answer = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE)
+        answer = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=PATIENCE
+        )
     except subprocess.TimeoutExpired:
         return {"missing": f"no answer in {PATIENCE} s"}
     lines = answer.stdout.strip().splitlines()
@@ -163,7 +185,9 @@ def _told(command: list[str]) -> dict:
     return dict(json.loads(lines[-1]))
 
 
-def opty_rows(python: str, ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]) -> list[PeerRow]:
+def opty_rows(
+    python: str, ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]
+) -> list[PeerRow]:
     """opty on the original equations, in an interpreter with opty."""
     if PLANAR not in ours:
         return []

@@ -7,7 +7,10 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-ROBOTS, QUICK_ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24", "manutec_r3_efjm"), ("planar5_nmp",)
+ROBOTS, QUICK_ROBOTS = (
+    ("planar5_nmp", "manutec_r3_18", "manutec_r3_24", "manutec_r3_efjm"),
+    ("planar5_nmp",),
+)
 TIMES = 5
 _CODE = """
 import json, sys, time, flexgen
@@ -41,7 +44,10 @@ def solve_rows(quick: bool, say: Callable[[str], None]) -> list[SolveRow]:
     rows = []
     for robot in QUICK_ROBOTS if quick else ROBOTS:
         done = subprocess.run(
-            [sys.executable, "-c", _CODE, robot, str(TIMES)], check=True, capture_output=True, text=True
+            [sys.executable, "-c", _CODE, robot, str(TIMES)],
+            check=True,
+            capture_output=True,
+            text=True,
         )
         rows.append(SolveRow(robot, *json.loads(done.stdout.splitlines()[-1])))
         say(f"  {robot}: {rows[-1].wall_s:.2f} s, simulation {rows[-1].simulation_s:.2f} s")

@@ -25,7 +25,9 @@ PERIOD, INTERVALS, PARTS = 5e-3, 20, 5  # s; 100 ms ahead
 TOLERANCE = 1e-4
 PAUSE = 20  # updates at rest at either end
 UPDATES, FEW = 10_000, 1_000
-RUNS = 3  # of the same updates, each counts with its least time: what it takes, not what others on the machine do
+# of the same updates, each counts with its least time: what it takes, not what others on the
+# machine do
+RUNS = 3
 WANTED_US, WANTED_M = {"native": 160.0, "default": 190.0}, 5e-6  # 99.9th percentile, tool error
 
 
@@ -68,9 +70,15 @@ class There:
         """Place, dy and its dy."""
         on_path, direction = self._folded(t)
         sample = self.path.sample(on_path)
-        return self._reduction.targets(sample), direction[:, None] * sample.derivative(1), sample.derivative(2)
+        return (
+            self._reduction.targets(sample),
+            direction[:, None] * sample.derivative(1),
+            sample.derivative(2),
+        )
 
-    def simulation(self, t: np.ndarray, tau_m: np.ndarray, q_m: np.ndarray, q_a: np.ndarray) -> Simulation:
+    def simulation(
+        self, t: np.ndarray, tau_m: np.ndarray, q_m: np.ndarray, q_a: np.ndarray
+    ) -> Simulation:
         """What the full model does under a torque, from rest."""
         model, sample = self.equations.model, self.path.sample(self._folded(t)[0])
         arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
@@ -80,7 +88,9 @@ class There:
             channels["R_ref"] = sample.R.reshape(len(t), 9)
         units = {"tau_m": "N m", "q_m": "rad", "q_a": "rad or m", "y_ref": "m", "R_ref": "-"}
         ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
-        return simulate(self.equations, Trajectory(t, channels, ports, labels, {"model": model.name}))
+        return simulate(
+            self.equations, Trajectory(t, channels, ports, labels, {"model": model.name})
+        )
 
 
 def library_file(library: Library) -> FilePath:
@@ -95,7 +105,17 @@ def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list
     updates = FEW if quick else UPDATES
     client = builds.text("inversion_stream.c", (HERE / "inversion_stream.c").read_text())
     program = builds.folder / "inversion_stream"
-    words = [builds.cc, "-std=c11", "-O2", "-Wall", "-Wextra", str(client), "-ldl", "-o", str(program)]
+    words = [
+        builds.cc,
+        "-std=c11",
+        "-O2",
+        "-Wall",
+        "-Wextra",
+        str(client),
+        "-ldl",
+        "-o",
+        str(program),
+    ]
     subprocess.run(words, check=True)
     samples = there.at(PERIOD * np.arange(1, updates + 1))
     start = there.at(np.zeros(1))[0][0]
@@ -106,17 +126,25 @@ def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list
         sizes = [library.sizes[key] for key in ("n_t", "n_y", "n_a", "n_g", "n_m")]
         numbers = [INTERVALS, PARTS, PERIOD, TOLERANCE, updates, *sizes]
         command = [str(program), str(library_file(library)), ROBOT, *map(str, numbers)]
-        answers = [subprocess.run(command, input=given, capture_output=True, check=True).stdout for _ in range(RUNS)]
+        answers = [
+            subprocess.run(command, input=given, capture_output=True, check=True).stdout
+            for _ in range(RUNS)
+        ]
         n_a, n_m = library.sizes["n_a"], library.sizes["n_m"]
         tables = [np.frombuffer(answer).reshape(updates, -1) for answer in answers]
         table = tables[0]
-        us, status, residual = 1e-3 * np.min([x[:, 0] for x in tables], axis=0), table[:, 1], table[:, 2]
+        us, status, residual = (
+            1e-3 * np.min([x[:, 0] for x in tables], axis=0),
+            table[:, 1],
+            table[:, 2],
+        )
         assert (status >= 0).all(), f"status {status.min()}"
         samples_per_interval = np.split(table[:, 3:], [PARTS * n_m, 2 * PARTS * n_m], axis=1)
         q_m, tau_m, q_a = (x.reshape(updates * PARTS, -1) for x in samples_per_interval)
         assert q_a.shape[1] == n_a
         t = np.arange(updates * PARTS) * PERIOD / PARTS - (INTERVALS - 1) * PERIOD
-        one = (INTERVALS + there.round) * PARTS  # the first round, and the beginning of the next one
+        # the first round, and the beginning of the next one
+        one = (INTERVALS + there.round) * PARTS
         if rows:
             error = rows[0].error_m, rows[0].error_rad
         else:

@@ -62,7 +62,17 @@ def paths(rows: Sequence[PathRow]) -> str:
     body = []
     for row in rows:
         if row.refused:
-            body.append([f"`{row.robot}`", row.move, row.method, *["-"] * 9, row.refused.replace("|", "/"), "-", "-"])
+            body.append(
+                [
+                    f"`{row.robot}`",
+                    row.move,
+                    row.method,
+                    *["-"] * 9,
+                    row.refused.replace("|", "/"),
+                    "-",
+                    "-",
+                ]
+            )
             continue
         body.append(
             [
@@ -107,7 +117,9 @@ def streams(rows: Sequence[StreamRow]) -> str:
             str(row.updates),
             f"{row.median_us:.0f}",
             f"{row.p99_us:.0f}",
-            f"{row.p999_us:.0f}" if row.p999_us <= WANTED_US[row.build] else f"**{row.p999_us:.0f}**",
+            f"{row.p999_us:.0f}"
+            if row.p999_us <= WANTED_US[row.build]
+            else f"**{row.p999_us:.0f}**",
             f"{row.largest_us:.0f}",
             _error(row.error_m, row.error_rad),
             str(row.inexact),
@@ -120,12 +132,30 @@ def streams(rows: Sequence[StreamRow]) -> str:
 
 def peers(rows: Sequence[PeerRow]) -> str:
     """Other ways."""
-    head = ["what", "robot", "setting", "timed", "ms per s of path", "tool error", "lq in C, ms", "ratio"]
+    head = [
+        "what",
+        "robot",
+        "setting",
+        "timed",
+        "ms per s of path",
+        "tool error",
+        "lq in C, ms",
+        "ratio",
+    ]
     body = []
     for row in rows:
         if np.isnan(row.ms):
             body.append(
-                [row.what, f"`{row.robot}`", row.setting, row.contains, row.missing, "-", _ms(row.ours_ms), "-"]
+                [
+                    row.what,
+                    f"`{row.robot}`",
+                    row.setting,
+                    row.contains,
+                    row.missing,
+                    "-",
+                    _ms(row.ours_ms),
+                    "-",
+                ]
             )
             continue
         error = _error(row.error_m, row.error_rad)
@@ -147,7 +177,9 @@ def peers(rows: Sequence[PeerRow]) -> str:
 def generated(rows: Sequence[GenerateRow]) -> str:
     """Generation."""
     head = ["robot", "build", "wall s", "processor s"]
-    return _table(head, [[f"`{r.robot}`", r.build, f"{r.wall_s:.1f}", f"{r.processor_s:.1f}"] for r in rows])
+    return _table(
+        head, [[f"`{r.robot}`", r.build, f"{r.wall_s:.1f}", f"{r.processor_s:.1f}"] for r in rows]
+    )
 
 
 def solved(rows: Sequence[SolveRow]) -> str:
@@ -234,7 +266,9 @@ Wall time, the shortest of several calls.
 {solved(solve_rows)}"""
 
 
-def short(path_rows: Sequence[PathRow], stream_rows: Sequence[StreamRow], machine_lines: Sequence[str]) -> str:
+def short(
+    path_rows: Sequence[PathRow], stream_rows: Sequence[StreamRow], machine_lines: Sequence[str]
+) -> str:
     """The table for docs/benchmarks.md: the slowest move of each robot by lq, and the stream."""
     head = [
         "robot",
@@ -247,7 +281,11 @@ def short(path_rows: Sequence[PathRow], stream_rows: Sequence[StreamRow], machin
     ]
     body = []
     for robot in dict.fromkeys(row.robot for row in path_rows):
-        rows = [row for row in path_rows if row.robot == robot and row.method == "lq" and not row.refused]
+        rows = [
+            row
+            for row in path_rows
+            if row.robot == robot and row.method == "lq" and not row.refused
+        ]
         if not rows:
             continue
         slowest = max(rows, key=lambda row: row.native_ms)
@@ -271,7 +309,10 @@ def short(path_rows: Sequence[PathRow], stream_rows: Sequence[StreamRow], machin
                 f"{row.median_us:.0f} us an update, 99.9 % below {row.p999_us:.0f} us, tool error "
                 f"{_error(row.error_m, row.error_rad)}.\n"
             )
-    return "\n".join(lines) + f"\n{machine_lines[0].removeprefix('machine: ').split(';')[0]}; one core, native build.\n"
+    return (
+        "\n".join(lines)
+        + f"\n{machine_lines[0].removeprefix('machine: ').split(';')[0]}; one core, native build.\n"
+    )
 
 
 def into_page(path: Path, text: str) -> None:

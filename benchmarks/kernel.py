@@ -103,10 +103,25 @@ def main() -> None:
         (folder / "main.c").write_text(program(), encoding="ascii")
         for compiler in sys.argv[1:] or ["gcc"]:
             for flags in FLAGS:
-                command = [compiler, *flags.split(), "-ffp-contract=off", "main.c", "-o", "program", "-lm"]
+                command = [
+                    compiler,
+                    *flags.split(),
+                    "-ffp-contract=off",
+                    "main.c",
+                    "-o",
+                    "program",
+                    "-lm",
+                ]
                 subprocess.run(command, cwd=folder, check=True)
-                print(f"\n{compiler} {flags}   ns: latency own, library, ratio; without waiting own, library, ratio")
-                print(subprocess.run([folder / "program"], capture_output=True, text=True, check=True).stdout, end="")
+                print(
+                    f"\n{compiler} {flags}   ns: latency own, library, ratio; without waiting own, library, ratio"
+                )
+                print(
+                    subprocess.run(
+                        [folder / "program"], capture_output=True, text=True, check=True
+                    ).stdout,
+                    end="",
+                )
 
 
 if __name__ == "__main__":

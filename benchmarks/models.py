@@ -42,7 +42,9 @@ def row(name: str) -> list[str]:
         began = time.perf_counter()
         flexgen.generate(name, Path(folder) / "library")
         generated = time.perf_counter() - began
-    solution = flexgen.solve(flexgen.derive(name), progress=lambda line: print("  " + line, file=sys.stderr))
+    solution = flexgen.solve(
+        flexgen.derive(name), progress=lambda line: print("  " + line, file=sys.stderr)
+    )
     simulation = solution.simulation
     assert simulation is not None
     errors = [simulation.tool_error_max_m, simulation.tool_error_max_rad]

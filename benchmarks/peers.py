@@ -22,7 +22,17 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import peers_table
-from peers_builds import AVX2, HERE, NATIVE, REPRODUCIBLE, Builds, Mujoco, Pinocchio, find_mujoco, find_pinocchio
+from peers_builds import (
+    AVX2,
+    HERE,
+    NATIVE,
+    REPRODUCIBLE,
+    Builds,
+    Mujoco,
+    Pinocchio,
+    find_mujoco,
+    find_pinocchio,
+)
 from peers_robots import ROBOTS, pinocchio_text, write_mujoco
 
 import flexgen
@@ -41,11 +51,14 @@ QUANTITIES = {
     "arm_forward_derivatives": ("arm_forward_dynamics_derivatives",),
 }
 STATES = 64  # so many that no branch predictor learns them by heart
-POINTS = 4096  # a power of two is a batch's worst case: all its arrays meet in the same places of the cache
+# a power of two is a batch's worst case: all its arrays meet in the same places of the cache
+POINTS = 4096
 ODD_POINTS = 4000
 FEW_POINTS = 200  # so few that results stay in the cache, those of large matrices too
-AGREEMENT = 1e-9  # of the largest result; elimination and the articulated-body algorithm round differently
-LONGEST = 25_000  # instructions of an expression that CasADi's C is compiled for; longer ones take minutes
+# of the largest result; elimination and the articulated-body algorithm round differently
+AGREEMENT = 1e-9
+# instructions of an expression that CasADi's C is compiled for; longer ones take minutes
+LONGEST = 25_000
 CLOSER = ("ur5", "ur5_elastic")  # with more candidates, and what --quick looks at
 DERIVED = ("ur5", "panda", "ur5_elastic", "chain12")  # with derivatives
 
@@ -85,14 +98,23 @@ def same_expression(spec: FunctionSpec) -> ca.Function | None:
     return steps[0].function if len(steps) == 1 and isinstance(steps[0], Expressions) else None
 
 
-def prepare(
-    robot: str, builds: Builds, pinocchio: Pinocchio, codegen: Path | None, mujoco: Mujoco, args: argparse.Namespace
+def prepare(  # noqa: C901
+    robot: str,
+    builds: Builds,
+    pinocchio: Pinocchio,
+    codegen: Path | None,
+    mujoco: Mujoco,
+    args: argparse.Namespace,
 ) -> list[Prepared]:
     """Derive and write everything of a robot, and start its compilations."""
     model = ROBOTS[robot]()
     folder = builds.folder / robot
     equations = flexgen.derive(model)
-    names = [name for name in QUANTITIES if name in FUNCTIONS and (robot in DERIVED or "derivatives" not in name)]
+    names = [
+        name
+        for name in QUANTITIES
+        if name in FUNCTIONS and (robot in DERIVED or "derivatives" not in name)
+    ]
     spec = library_spec(equations, names)
     say(f"{robot}: {model.n_a} coordinates; writing and compiling")
     libraries = {}
@@ -128,13 +150,18 @@ def prepare(
             avx2 = builds.submit(f"{symbol}_avx2", builds.cc, AVX2, sources, "-lm")
             row.candidates.append(("batch_avx2", "batch", avx2, f"{symbol}_batch", many))
         add_casadi(row, equations, builds, args.quick)
-        if mujoco.folder is not None and not f.name.endswith("derivatives"):  # it has only those by differences
-            row.candidates.append(("mujoco", "peer", mujoco.submit(builds), f.name, f"./{robot}.mjb"))
+        # it has only those by differences
+        if mujoco.folder is not None and not f.name.endswith("derivatives"):
+            row.candidates.append(
+                ("mujoco", "peer", mujoco.submit(builds), f.name, f"./{robot}.mjb")
+            )
         if pinocchio.missing:
             continue
         if codegen is not None:
             add_generated(row, builds, codegen, text)
-        for compiler, suffix in (("g++", ""), ("clang++", "_clang")) if args.clang else (("g++", ""),):
+        for compiler, suffix in (
+            (("g++", ""), ("clang++", "_clang")) if args.clang else (("g++", ""),)
+        ):
             if shutil.which(compiler) is None:
                 continue
             if suffix:
@@ -142,7 +169,11 @@ def prepare(
                 row.candidates.append(("ours_clang", "point", clang, symbol, "-"))
             file = pinocchio_side(builds, pinocchio, compiler, f.name)
             for name in QUANTITIES[f.name]:
-                label = ("pinocchio" + name.removeprefix(f.name).replace(":", "_")) if ":" in name else "pinocchio"
+                label = (
+                    ("pinocchio" + name.removeprefix(f.name).replace(":", "_"))
+                    if ":" in name
+                    else "pinocchio"
+                )
                 row.candidates.append((label + suffix, "peer", file, name, f"./{text.name}"))
     return prepared
 
@@ -172,7 +203,9 @@ def add_casadi(row: Prepared, equations: Equations, builds: Builds, quick: bool)
             add_expression(row, builds, label, function, flags)
 
 
-def add_expression(row: Prepared, builds: Builds, label: str, function: ca.Function, flags: tuple[str, ...]) -> None:
+def add_expression(
+    row: Prepared, builds: Builds, label: str, function: ca.Function, flags: tuple[str, ...]
+) -> None:
     """CasADi's C of an expression as a candidate, unless it is too long."""
     if function.n_instructions() > LONGEST:
         told = "Pinocchio's code generation" if label == "generated" else label
@@ -190,7 +223,9 @@ def codegen_side(builds: Builds, pinocchio: Pinocchio) -> Path:
     """Pinocchio's code generation, compiled."""
     casadi = Path(ca.__file__).parent
     flags = pinocchio.flags(("-O1", "-isystem", str(casadi / "include")))
-    return builds.submit("pinocchio_codegen", "g++", flags, [HERE / "peers_codegen.cpp"], f"-L{casadi} -lcasadi")
+    return builds.submit(
+        "pinocchio_codegen", "g++", flags, [HERE / "peers_codegen.cpp"], f"-L{casadi} -lcasadi"
+    )
 
 
 def add_generated(row: Prepared, builds: Builds, codegen: Path, text: Path) -> None:
@@ -236,7 +271,9 @@ def states_of(spec: FunctionSpec, model: RobotModel, seed: int = 7) -> np.ndarra
     reach = np.full(model.n_a, np.pi)
     reach[list(model.i_e)] = 0.05
     width = {"q_a": reach, "v_a": 2.0, "a_a": 5.0, "tau_a": 20.0}
-    return np.hstack([rng.uniform(-1.0, 1.0, (STATES, p.size)) * width[p.name] for p in spec.inputs])
+    return np.hstack(
+        [rng.uniform(-1.0, 1.0, (STATES, p.size)) * width[p.name] for p in spec.inputs]
+    )
 
 
 def measure(row: Prepared, builds: Builds, timer: Path, args: argparse.Namespace) -> None:
@@ -251,7 +288,9 @@ def measure(row: Prepared, builds: Builds, timer: Path, args: argparse.Namespace
         f"blocks {15 if args.quick else 40} milliseconds 1.5 tolerance {AGREEMENT!r}",
     ]
     for label, kind, file, symbol, extra in row.candidates:
-        lines.append(f"candidate {label} {kind} ./{file.relative_to(builds.folder)} {symbol} {extra}")
+        lines.append(
+            f"candidate {label} {kind} ./{file.relative_to(builds.folder)} {symbol} {extra}"
+        )
     job = builds.text(f"{name}.job", "\n".join(lines) + "\n")
     command = [f"./{timer.name}", f"./{job.name}"]
     answer = subprocess.run(command, cwd=builds.folder, capture_output=True, text=True, check=False)
@@ -292,7 +331,10 @@ def python_cost(row: Prepared, folder: Path) -> Wrapper:
     states = states_of(row.spec, row.model)
     starts = np.cumsum([0, *(p.size for p in row.spec.inputs)])
     one = [[np.ascontiguousarray(s[a:b]) for a, b in pairwise(starts)] for s in states]
-    many = [np.asfortranarray(np.tile(states[:, a:b], (POINTS // STATES, 1))) for a, b in pairwise(starts)]
+    many = [
+        np.asfortranarray(np.tile(states[:, a:b], (POINTS // STATES, 1)))
+        for a, b in pairwise(starts)
+    ]
     out = np.empty((POINTS, *row.spec.outputs[0].shape), order="F")
 
     def least(run: object, count: int, times: int) -> float:
@@ -311,19 +353,36 @@ def python_cost(row: Prepared, folder: Path) -> Wrapper:
     call, batch = least(calls, 10 * STATES, 15), least(lambda: function(*many, out=out), POINTS, 15)
     ns = row.row.ns
     return Wrapper(
-        row.row.robot, row.spec.name, 1e6 * call, 1e-3 * ns["ours_default"], 1e9 * batch, ns["batch_default"]
+        row.row.robot,
+        row.spec.name,
+        1e6 * call,
+        1e-3 * ns["ours_default"],
+        1e9 * batch,
+        ns["batch_default"],
     )
 
 
-def main() -> None:
+def main() -> None:  # noqa: C901
     """Build, check, time, print; write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="two robots, fewer blocks and candidates; nothing written")
-    parser.add_argument("--clang", action="store_true", help="Pinocchio and our C by clang too, where it is there")
-    parser.add_argument(
-        "--docs", action="store_true", help="also put the short table between the markers in docs/benchmarks.md"
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), help="these only; nothing written")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="two robots, fewer blocks and candidates; nothing written",
+    )
+    parser.add_argument(
+        "--clang", action="store_true", help="Pinocchio and our C by clang too, where it is there"
+    )
+    parser.add_argument(
+        "--docs",
+        action="store_true",
+        help="also put the short table between the markers in docs/benchmarks.md",
+    )
+    parser.add_argument(
+        "--robots", nargs="+", choices=list(ROBOTS), help="these only; nothing written"
+    )
     args = parser.parse_args()
     began = time.perf_counter()
     builds = Builds(HERE.parent / "build" / "bench")
@@ -336,10 +395,14 @@ def main() -> None:
     left_out = [name for name in QUANTITIES if name not in FUNCTIONS]
     if left_out:
         say(f"not in the library, left out: {', '.join(left_out)}")
-    timer = builds.submit("timer", builds.cc, ("-std=c11", "-O2", "-Wall"), [HERE / "peers_timer.c"], "-ldl -lm")
+    timer = builds.submit(
+        "timer", builds.cc, ("-std=c11", "-O2", "-Wall"), [HERE / "peers_timer.c"], "-ldl -lm"
+    )
     if not pinocchio.missing:  # the longest compilations first
         for quantity in ("inverse_dynamics", "inverse_dynamics_derivatives"):
-            for compiler in ("g++", "clang++") if args.clang and shutil.which("clang++") else ("g++",):
+            for compiler in (
+                ("g++", "clang++") if args.clang and shutil.which("clang++") else ("g++",)
+            ):
                 pinocchio_side(builds, pinocchio, compiler, quantity)
     codegen = None
     if not (pinocchio.missing or args.quick):
@@ -359,7 +422,9 @@ def main() -> None:
             say(row.row.robot)
         measure(row, builds, timer, args)
     wrappers = [
-        python_cost(row, builds.folder / row.row.robot) for row in rows if row.spec.name in ("inverse_dynamics",)
+        python_cost(row, builds.folder / row.row.robot)
+        for row in rows
+        if row.spec.name in ("inverse_dynamics",)
     ]
     machine = peers_table.machine(builds, pinocchio, args.clang)
     table = peers_table.full([row.row for row in rows], wrappers, machine, left_out)
@@ -367,7 +432,9 @@ def main() -> None:
     if not (args.quick or args.robots):
         (HERE / "peers.md").write_text(table)
         if args.docs:
-            peers_table.into_page(HERE.parent / "docs" / "benchmarks.md", [row.row for row in rows], machine)
+            peers_table.into_page(
+                HERE.parent / "docs" / "benchmarks.md", [row.row for row in rows], machine
+            )
     say(f"{time.perf_counter() - began:.0f} s in all")
     if any("DISAGREES" in note for row in rows for note in row.row.notes):
         sys.exit("the candidates do not agree: see the notes")

@@ -21,7 +21,8 @@ NATIVE = (*compiler.NATIVE, "-fPIC", "-shared")
 AVX2 = tuple("-march=x86-64-v3" if flag == "-march=native" else flag for flag in NATIVE)
 PINOCCHIO = (
     *"-std=c++17 -O3 -march=native -DNDEBUG -fPIC -shared -w".split(),
-    *"-DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_LIMIT_VECTOR_SIZE=30".split(),  # as Pinocchio's package asks for
+    # as Pinocchio's package asks for
+    *"-DBOOST_MPL_LIMIT_LIST_SIZE=30 -DBOOST_MPL_LIMIT_VECTOR_SIZE=30".split(),
     *"-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS -DBOOST_FUSION_INVOKE_MAX_ARITY=12".split(),
 )
 WORKERS = min(2, os.cpu_count() or 1)
@@ -44,7 +45,9 @@ class Builds:
     def version(self, compiler: str) -> str:
         """First line of what a compiler says of its version."""
         if compiler not in self._versions:
-            answer = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True)
+            answer = subprocess.run(
+                [compiler, "--version"], capture_output=True, text=True, check=True
+            )
             self._versions[compiler] = answer.stdout.splitlines()[0]
         return self._versions[compiler]
 
@@ -54,7 +57,9 @@ class Builds:
         path.write_text(text)
         return path
 
-    def submit(self, name: str, compiler: str, flags: tuple[str, ...], sources: list[Path], after: str = "") -> Path:
+    def submit(
+        self, name: str, compiler: str, flags: tuple[str, ...], sources: list[Path], after: str = ""
+    ) -> Path:
         """Where the compiled file will be once `wait` has returned; ``after``: words behind the sources."""
         content = hashlib.sha256(repr((self.version(compiler), flags, after)).encode())
         for path in _with_headers(sources):
@@ -105,7 +110,11 @@ class Pinocchio:
 
     def flags(self, more: tuple[str, ...] = ()) -> tuple[str, ...]:
         """Flags of the compiler."""
-        return (*PINOCCHIO, *more, *(word for folder in self.includes for word in ("-isystem", str(folder))))
+        return (
+            *PINOCCHIO,
+            *more,
+            *(word for folder in self.includes for word in ("-isystem", str(folder))),
+        )
 
 
 def find_pinocchio() -> Pinocchio:
@@ -136,7 +145,10 @@ class Mujoco:
 
     def submit(self, builds: Builds) -> Path:
         """MuJoCo's side, compiled; the algorithms are those of the package's library."""
-        flags = (*"-std=c11 -O3 -march=native -fPIC -shared -I".split(), str(self.folder / "include"))  # type: ignore[operator]
+        flags = (
+            *"-std=c11 -O3 -march=native -fPIC -shared -I".split(),
+            str(self.folder / "include"),
+        )  # type: ignore[operator]
         assert self.library is not None
         after = f"{self.library} -Wl,-rpath,{self.library.parent}"
         return builds.submit("mujoco", builds.cc, flags, [HERE / "peers_mujoco.c"], after)

@@ -50,7 +50,10 @@ def chain(n: int, seed: int = 1) -> RobotModel:
 
 
 ROBOTS: dict[str, Callable[[], RobotModel]] = {
-    **{name: lambda name=name: flexgen.read(FOLDER / f"{name}.toml") for name in ("ur5", "panda", "ur5_elastic")},
+    **{
+        name: lambda name=name: flexgen.read(FOLDER / f"{name}.toml")
+        for name in ("ur5", "panda", "ur5_elastic")
+    },
     **{f"chain{n}": lambda n=n: chain(n) for n in (12, 18, 30)},
 }
 
@@ -80,11 +83,18 @@ def pinocchio_text(model: RobotModel) -> str:
     pose = _pose(model.base)
     for element in model.elements:
         if element.beam is not None:
-            raise ValueError(f"{model.name}: given a beam, expected rigid bodies: Pinocchio has no beams")
+            raise ValueError(
+                f"{model.name}: given a beam, expected rigid bodies: Pinocchio has no beams"
+            )
         pose = _then(pose, _pose(element.origin))
         for dof in element.dofs:
             letter, turn = _axis(np.array(dof.axis))
-            lines.append((("R" if dof.type == "rotation" else "P") + letter, _then(pose, (np.zeros(3), turn))))
+            lines.append(
+                (
+                    ("R" if dof.type == "rotation" else "P") + letter,
+                    _then(pose, (np.zeros(3), turn)),
+                )
+            )
             bodies.append([])
             pose = (np.zeros(3), turn.T)
         pose = _then(pose, _pose(element.link))
@@ -119,7 +129,9 @@ def _lumped(riding: list[tuple[Pose, Body]]) -> tuple[float, np.ndarray, np.ndar
     inertia = np.zeros((3, 3))
     for ((_, R), body), centre in zip(riding, centres, strict=True):
         d = centre - com
-        inertia += R @ np.array(body.inertia) @ R.T + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        inertia += R @ np.array(body.inertia) @ R.T + body.mass * (
+            d @ d * np.eye(3) - np.outer(d, d)
+        )
     return mass, com, inertia
 
 

@@ -9,7 +9,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from peers_builds import AVX2, NATIVE, PINOCCHIO, REPRODUCIBLE, Builds, Pinocchio, eigen_version, package_version
+from peers_builds import (
+    AVX2,
+    NATIVE,
+    PINOCCHIO,
+    REPRODUCIBLE,
+    Builds,
+    Pinocchio,
+    eigen_version,
+    package_version,
+)
 
 TITLES = {
     "inverse_dynamics": "inverse dynamics",
@@ -74,7 +83,10 @@ def machine(builds: Builds, pinocchio: Pinocchio, clang: bool) -> list[str]:
     lines[-1] += f", Eigen {eigen_version(pinocchio)}"
     if clang and shutil.which("clang"):
         lines.append(f"clang: {builds.version('clang')}, the same flags as gcc")
-    return [*lines, f"Pinocchio: from its headers, {builds.version('g++')}, `{PINOCCHIO[0]} {flags}`"]
+    return [
+        *lines,
+        f"Pinocchio: from its headers, {builds.version('g++')}, `{PINOCCHIO[0]} {flags}`",
+    ]
 
 
 def _number(x: float | None) -> str:
@@ -101,7 +113,12 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 HEAD = ("robot", "function")
 
 
-def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[str], left_out: Sequence[str]) -> str:
+def full(
+    rows: Sequence[Any],
+    wrappers: Sequence[Any],
+    machine_lines: Sequence[str],
+    left_out: Sequence[str],
+) -> str:
     """Everything that was measured."""
     labels = {
         "ours": "flexgen",

@@ -76,18 +76,42 @@ def comparison(python: str | None) -> str:
         plan, seconds = timed(lambda a=(model, move, mesh, cost): with_flexgen(*a), repeat)
         own = lines_of(file, "with_flexgen")
         error, value = f"{1e6 * plan.plan_error_max_m:.2g}", f"{plan.details['cost']:.6e}"
-        rows.append((what, "flexgen", own, f"{mesh}", f"{seconds:.2f}", plan.iterations, value, error))
+        rows.append(
+            (what, "flexgen", own, f"{mesh}", f"{seconds:.2f}", plan.iterations, value, error)
+        )
         print(rows[-1], flush=True)
         try:
             made, seconds = timed(lambda a=(model, move, mesh, cost): by_hand(*a), min(repeat, 2))
         except RuntimeError as problem:
-            rows.append((what, "CasADi Opti", f"{hand[0]} + {hand[1]}", f"{mesh}", "-", "-", str(problem)[-60:], "-"))
+            rows.append(
+                (
+                    what,
+                    "CasADi Opti",
+                    f"{hand[0]} + {hand[1]}",
+                    f"{mesh}",
+                    "-",
+                    "-",
+                    str(problem)[-60:],
+                    "-",
+                )
+            )
             print(rows[-1], flush=True)
             continue
         off = check_by_hand(*made)
         count, value = made[1].stats()["iter_count"], f"{float(made[1].value(made[1].f)):.6e}"
         lines = f"{hand[0]} + {hand[1]}"
-        rows.append((what, "CasADi Opti", lines, f"{mesh}", f"{seconds:.2f}", count, value, f"{1e6 * off:.2g}"))
+        rows.append(
+            (
+                what,
+                "CasADi Opti",
+                lines,
+                f"{mesh}",
+                f"{seconds:.2f}",
+                count,
+                value,
+                f"{1e6 * off:.2g}",
+            )
+        )
         print(rows[-1], flush=True)
     if python is not None:
         rows += [opty_row(python, "planar5_nmp, line, tau_m", nodes) for nodes in OPTY_NODES]
@@ -126,9 +150,20 @@ def opty_row(python: str, what: str, nodes: int) -> tuple[object, ...]:
         command = [python, str(OPTY), str(file)]
         lines = lines_of(OPTY, "answer")
         try:
-            out = subprocess.run(command, capture_output=True, text=True, timeout=OPTY_LIMIT, check=False)
+            out = subprocess.run(
+                command, capture_output=True, text=True, timeout=OPTY_LIMIT, check=False
+            )
         except subprocess.TimeoutExpired:
-            return what, "opty", lines, nodes - 1, "-", "-", f"not finished in {OPTY_LIMIT:g} s", "-"
+            return (
+                what,
+                "opty",
+                lines,
+                nodes - 1,
+                "-",
+                "-",
+                f"not finished in {OPTY_LIMIT:g} s",
+                "-",
+            )
     try:
         answer = json.loads(out.stdout.splitlines()[-1])
     except (IndexError, json.JSONDecodeError):
@@ -137,7 +172,16 @@ def opty_row(python: str, what: str, nodes: int) -> tuple[object, ...]:
         return what, "opty", lines, nodes - 1, "-", "-", answer["missing"], "-"
     off = opty_error(equations, answer, grid)
     value, seconds = f"{answer['cost']:.6e}", f"{answer['build_s']:.1f} + {answer['solve_s']:.2f}"
-    row = (what, "opty", f"{lines}, equations given", nodes - 1, seconds, "-", value, f"{1e6 * off:.2g}")
+    row = (
+        what,
+        "opty",
+        f"{lines}, equations given",
+        nodes - 1,
+        seconds,
+        "-",
+        value,
+        f"{1e6 * off:.2g}",
+    )
     print(row, answer["status"], flush=True)
     return row
 
@@ -147,18 +191,31 @@ def opty_error(equations: Any, answer: dict, t: np.ndarray) -> float:
     model = equations.model
     states, tau = np.array(answer["states"]).T, np.array(answer["inputs"]).T
     q_a, q_m = states[:, : model.n_a], states[:, model.n_a : model.n_a + model.n_m]
-    plan = flexgen.plan_problem(equations, "line", mesh=10).solve(accuracy=1.0, progress=False).trajectory
+    plan = (
+        flexgen.plan_problem(equations, "line", mesh=10)
+        .solve(accuracy=1.0, progress=False)
+        .trajectory
+    )
     channels = {"tau_m": tau, "q_a": q_a, "q_m": q_m}
-    ports, labels = ({name: getattr(plan, x)[name] for name in channels} for x in ("ports", "labels"))
+    ports, labels = (
+        {name: getattr(plan, x)[name] for name in channels} for x in ("ports", "labels")
+    )
     run = simulate(equations, Trajectory(t, channels, ports, labels, {"model": model.name}))
-    both = [evaluate(equations.function("output"), q)[0].reshape(len(t), -1) for q in (q_a, run.trajectory["q_a"])]
+    both = [
+        evaluate(equations.function("output"), q)[0].reshape(len(t), -1)
+        for q in (q_a, run.trajectory["q_a"])
+    ]
     return float(np.linalg.norm(both[0] - both[1], axis=1).max())
 
 
 def evaluation() -> str:
     """Constraints, Jacobian and Hessian by CasADi's virtual machine and by compiled C."""
     rows = []
-    for name, mesh, exact in (("planar5_nmp", 50, True), ("manutec_r3_18", 50, False), ("manutec_r3_18", 50, True)):
+    for name, mesh, exact in (
+        ("planar5_nmp", 50, True),
+        ("manutec_r3_18", 50, False),
+        ("manutec_r3_18", 50, True),
+    ):
         problem = flexgen.plan_problem(name, mesh=mesh)
         problem.add_squares(problem["a_m"] / 100)
         layout = Layout((problem,), ())
@@ -176,10 +233,19 @@ def evaluation() -> str:
                 function = ca.Function("value", [made.x, lam, sigma], [value])
                 one.append(timed(lambda f=function, p=point: f(*p), 9)[1])
             times.append(one)
-        cells = [f"{1e3 * a:.2f} / {1e3 * b:.2f} = {a / b:.1f}" for a, b in zip(*times, strict=True)]
+        cells = [
+            f"{1e3 * a:.2f} / {1e3 * b:.2f} = {a / b:.1f}" for a, b in zip(*times, strict=True)
+        ]
         rows.append((name, "exact" if exact else "Gauss-Newton", *cells, f"{builds[1]:.1f}"))
         print(rows[-1], flush=True)
-    head = ("model, 50 intervals", "Hessian", "constraints, ms", "Jacobian, ms", "Hessian, ms", "build with C, s")
+    head = (
+        "model, 50 intervals",
+        "Hessian",
+        "constraints, ms",
+        "Jacobian, ms",
+        "Hessian, ms",
+        "build with C, s",
+    )
     return table(head, rows)
 
 
@@ -191,19 +257,41 @@ def least_time() -> str:
         found = flexgen.fastest("planar5_nmp", "line", coefficients=count, progress=False)
         limits = found.limits
         error = f"{1e6 * found.solution.tool_error_max_m:.2g}"
-        rows.append((f"flexgen.fastest, {count} coefficients", f"{found.duration_s:.4f}", error, f"{found.cpu_s:.1f}"))
+        rows.append(
+            (
+                f"flexgen.fastest, {count} coefficients",
+                f"{found.duration_s:.4f}",
+                error,
+                f"{found.cpu_s:.1f}",
+            )
+        )
     for tolerance in (1e-5, 1e-6):
-        problem = flexgen.plan_problem("planar5_nmp", "line", mesh=100, timing="free", limits=limits)
+        problem = flexgen.plan_problem(
+            "planar5_nmp", "line", mesh=100, timing="free", limits=limits
+        )
         problem.free_time(0.2, 1.0)
         problem.add_cost(problem.duration, at="end")
         problem.add_cost(1e-6 * ca.sumsqr(ca.diff(problem.nodes("tau_m").T)))
         problem.follow(tolerance=tolerance)
         plan = problem.solve(progress=False)
         what = f"plan_problem, within {1e6 * tolerance:g} um in x and y"
-        rows.append((what, f"{plan.move.duration:.4f}", f"{1e6 * plan.path_distance_max_m:.2g}", f"{plan.cpu_s:.1f}"))
+        rows.append(
+            (
+                what,
+                f"{plan.move.duration:.4f}",
+                f"{1e6 * plan.path_distance_max_m:.2g}",
+                f"{plan.cpu_s:.1f}",
+            )
+        )
     rows.append(("rigid robot, lower bound", f"{found.rigid_s:.4f}", "-", "-"))
     return table(
-        ("planar5_nmp, line", "duration, s", "simulated distance from the path, um", "processor time, s"), rows
+        (
+            "planar5_nmp, line",
+            "duration, s",
+            "simulated distance from the path, um",
+            "processor time, s",
+        ),
+        rows,
     )
 
 

@@ -31,7 +31,8 @@ from clients import stack_of_point  # noqa: E402
 
 MODELS = ("planar5_nmp", "tests/support/robots/ur5.toml", "manutec_r3_efjm")
 BOARD = ROOT / "tests" / "support" / "cortex_m7"
-CALLS = 3  # instructions of one call: those of a program with so many calls, less those of a program with one
+# instructions of one call: those of a program with so many calls, less those of a program with one
+CALLS = 3
 POINTS = 500  # of a batch
 
 
@@ -55,7 +56,9 @@ TARGETS = (
         "single",
         ("arm-none-eabi-gcc", *M7),
         ("--specs=rdimon.specs", "-T", str(BOARD / "memory.ld"), str(BOARD / "start.c")),
-        tuple("qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel".split()),
+        tuple(
+            "qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel".split()
+        ),
     ),
 )
 FLAGS = (
@@ -94,7 +97,9 @@ def entries(port: dict[str, Any]) -> int:
 
 def table(head: list[str], rows: list[list[str]]) -> str:
     """Rows as a table in Markdown."""
-    lines = ["| " + " | ".join(row) + " |" for row in (head, ["---"] + ["---:"] * (len(head) - 1), *rows)]
+    lines = [
+        "| " + " | ".join(row) + " |" for row in (head, ["---"] + ["---:"] * (len(head) - 1), *rows)
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -139,16 +144,34 @@ def costs(folder: Path, target: Target) -> dict[str, tuple[str, str, str]]:
     return out
 
 
-def instructions(folder: Path, manifest: dict[str, Any], f: dict[str, Any], target: Target, work: Path) -> str:
+def instructions(
+    folder: Path, manifest: dict[str, Any], f: dict[str, Any], target: Target, work: Path
+) -> str:
     """Instructions of one call for one point, its inputs moderate."""
     if shutil.which(target.emulator[0]) is None:
         return "-"
     (work / "call.c").write_text(program(manifest, f), encoding="ascii")
     counts = []
     for calls in (1, CALLS):
-        words = [*target.compiler, *REPRODUCIBLE, f"-DCALLS={calls}", f"-I{folder}", "call.c", "f.o", *target.link]
+        words = [
+            *target.compiler,
+            *REPRODUCIBLE,
+            f"-DCALLS={calls}",
+            f"-I{folder}",
+            "call.c",
+            "f.o",
+            *target.link,
+        ]
         run(*words, "-lm", "-o", "call", folder=work)
-        emulator = [target.emulator[0], "-singlestep", "-d", "nochain,exec", "-D", "log", *target.emulator[1:]]
+        emulator = [
+            target.emulator[0],
+            "-singlestep",
+            "-d",
+            "nochain,exec",
+            "-D",
+            "log",
+            *target.emulator[1:],
+        ]
         run(*emulator, work / "call", folder=work)
         with (work / "log").open(encoding="ascii", errors="replace") as log:
             counts.append(sum(1 for line in log if line.startswith("Trace ")))
@@ -163,7 +186,9 @@ def program(manifest: dict[str, Any], f: dict[str, Any]) -> str:
         values = ", ".join(f"(({name}_real){0.1 + 0.03 * i:.2f})" for i in range(entries(p)))
         given = f" = {{{values}}}" if p in f["inputs"] else ""
         lines.append(f"static {name}_real port_{p['name']}[{entries(p)}]{given};")
-    arguments = ", ".join([*(f"port_{p['name']}" for p in (*f["inputs"], *f["outputs"])), *["work"] * f["work"]])
+    arguments = ", ".join(
+        [*(f"port_{p['name']}" for p in (*f["inputs"], *f["outputs"])), *["work"] * f["work"]]
+    )
     lines += [
         f"static {name}_real work[{name.upper()}_WORK];",
         "int main(void)",
@@ -187,7 +212,10 @@ def small_machines(model: str, base: Path) -> str:
     head = ["function"]
     for target in TARGETS:
         head += [f"{target.name} {target.precision}: code B", "stack B", "instructions"]
-    rows = [[name, *(figure for target in TARGETS for figure in columns[target.name][name])] for name in made.functions]
+    rows = [
+        [name, *(figure for target in TARGETS for figure in columns[target.name][name])]
+        for name in made.functions
+    ]
     sums = ["all"]
     for target in TARGETS:
         figures = [columns[target.name][name] for name in made.functions]
@@ -257,7 +285,15 @@ int main(void)
 def streams(base: Path) -> str:
     """Instructions of an update of a stream on a Cortex-M7, on average and at most over a move."""
     target = TARGETS[-1]
-    head = ["stream", "intervals", "samples per update", "code kB", "memory kB", "instructions, mean", "at most"]
+    head = [
+        "stream",
+        "intervals",
+        "samples per update",
+        "code kB",
+        "memory kB",
+        "instructions, mean",
+        "at most",
+    ]
     rows = []
     for model in STREAMS:
         name = Path(model).stem
@@ -286,7 +322,17 @@ def stream_costs(folder: Path, name: str, samples: int, target: Target) -> list[
         run(*target.compiler, *options, "-c", *sources, folder=Path(work))
         objects = sorted(Path(work).glob("*.o"))
         code = int(run("size", "-t", *objects, folder=Path(work)).splitlines()[-1].split()[0])
-        run(*target.compiler, *options, "stream.c", *objects, *target.link, "-lm", "-o", "stream", folder=Path(work))
+        run(
+            *target.compiler,
+            *options,
+            "stream.c",
+            *objects,
+            *target.link,
+            "-lm",
+            "-o",
+            "stream",
+            folder=Path(work),
+        )
         timed = (target.emulator[0], "-icount", "shift=0", *target.emulator[1:])
         status, mean, most, memory = run(*timed, Path(work) / "stream", folder=Path(work)).split()
     if int(status) < 0:
@@ -336,7 +382,10 @@ def timer(manifest: dict[str, Any]) -> str:
         arguments = ", ".join(f"port_{p['name']}" for p in ports)
         work = ", work" if f["work"] else ""
         text += "    {\n        double one = 1.0, many = 1.0, start;\n"
-        text += "".join(f"        {name}_real *port_{p['name']} = filled({entries(p)} * {POINTS});\n" for p in ports)
+        text += "".join(
+            f"        {name}_real *port_{p['name']} = filled({entries(p)} * {POINTS});\n"
+            for p in ports
+        )
         text += f"""\
         {name}_real *work = filled({name.upper()}_BATCH_WORK + {name.upper()}_WORK);
         for (int r = 0; r < 60; ++r) {{
@@ -366,22 +415,57 @@ def flags(model: str, base: Path) -> str:
             continue
         with tempfile.TemporaryDirectory() as work:
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            run(words[0], "-std=c99", *words[1:], "-fno-math-errno", f"-I{folder}", "-c", *sources, folder=Path(work))
+            run(
+                words[0],
+                "-std=c99",
+                *words[1:],
+                "-fno-math-errno",
+                f"-I{folder}",
+                "-c",
+                *sources,
+                folder=Path(work),
+            )
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             spent = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
             objects = sorted(Path(work).glob("*.o"))
             size = int(run("size", "-t", *objects, folder=Path(work)).splitlines()[-1].split()[0])
             (Path(work) / "timer.c").write_text(timer(manifest), encoding="ascii")
-            run("cc", "-std=c99", "-O2", f"-I{folder}", "timer.c", *objects, "-lm", "-o", "timer", folder=Path(work))
-            lines = [line.split() for line in run(Path(work) / "timer", folder=Path(work)).splitlines()]
-            measured[words] = (spent, size, {line[0]: (float(line[1]), float(line[2])) for line in lines})
-    chosen = next(words for words in measured if set(words[1:]) <= set(REPRODUCIBLE) and "-fno-tree-vectorize" in words)
+            run(
+                "cc",
+                "-std=c99",
+                "-O2",
+                f"-I{folder}",
+                "timer.c",
+                *objects,
+                "-lm",
+                "-o",
+                "timer",
+                folder=Path(work),
+            )
+            lines = [
+                line.split() for line in run(Path(work) / "timer", folder=Path(work)).splitlines()
+            ]
+            measured[words] = (
+                spent,
+                size,
+                {line[0]: (float(line[1]), float(line[2])) for line in lines},
+            )
+    chosen = next(
+        words
+        for words in measured
+        if set(words[1:]) <= set(REPRODUCIBLE) and "-fno-tree-vectorize" in words
+    )
     reference = measured[chosen][2]
     rows = []
     for words, (spent, size, times) in measured.items():
         ratios = [f"{times[f][i] / reference[f][i]:.2f}" for f in TIMED for i in (0, 1)]
         rows.append([f"`{' '.join(words)}`", f"{spent:.1f}", str(size // 1000), *ratios])
-    head = ["flags", "compile s", "code kB", *(f"{f}{what}" for f in TIMED for what in ("", ", batch"))]
+    head = [
+        "flags",
+        "compile s",
+        "code kB",
+        *(f"{f}{what}" for f in TIMED for what in ("", ", batch")),
+    ]
     return table(head, rows)
 
 
@@ -390,13 +474,17 @@ def main(models: list[str]) -> None:
     parts = [INTRODUCTION]
     with tempfile.TemporaryDirectory() as base:
         for model in models or MODELS:
-            parts.append(f"## {Path(model).stem}\n\n{small_machines(model, Path(base) / Path(model).stem)}")
+            parts.append(
+                f"## {Path(model).stem}\n\n{small_machines(model, Path(base) / Path(model).stem)}"
+            )
         last = (models or MODELS)[-1]
         parts.append(
             f"## Flags, {Path(last).stem}\n\nRun times relative to those of the flags that `flexgen generate` uses.\n\n"
             + flags(last, Path(base))
         )
-        parts.append(f"## Streams on a Cortex-M7 in single precision\n\n{STREAM_TEXT}\n{streams(Path(base))}")
+        parts.append(
+            f"## Streams on a Cortex-M7 in single precision\n\n{STREAM_TEXT}\n{streams(Path(base))}"
+        )
     text = "\n".join(parts)
     print(text)
     if not models:

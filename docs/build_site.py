@@ -25,7 +25,10 @@ OTHERS = {
     "CHANGELOG.md": "changelog",
     "models/README.md": "model_files",
     "generated/README.md": "emitted_library",
-    **{str(page.relative_to(ROOT)): f"benchmark_{page.stem}" for page in (ROOT / "benchmarks").rglob("*.md")},
+    **{
+        str(page.relative_to(ROOT)): f"benchmark_{page.stem}"
+        for page in (ROOT / "benchmarks").rglob("*.md")
+    },
 }
 # The table of contents: caption, pages. Pages that are missing here come at its end.
 CONTENTS = {
@@ -36,7 +39,8 @@ CONTENTS = {
     "Other programs": "fmu fmu_tools ros2 matlab plc exchange",
     "Use": "command_line python c_library methods verification real_machines platforms",
     "Reference": "python_reference c_reference model_files emitted_library",
-    "Figures": "benchmarks " + " ".join(sorted(name for name in OTHERS.values() if name.startswith("benchmark_"))),
+    "Figures": "benchmarks "
+    + " ".join(sorted(name for name in OTHERS.values() if name.startswith("benchmark_"))),
     "Project": "stability contributing changelog licenses",
 }
 
@@ -73,7 +77,13 @@ def gallery(folder: Path, made: Path) -> str:
         output = picture.with_suffix(".txt")
         if output.exists():
             shutil.copyfile(picture, folder / f"gallery_{picture.name}")
-            lines += ["", f"## {picture.stem}", "", f"![{picture.stem}](gallery_{picture.name})", ""]
+            lines += [
+                "",
+                f"## {picture.stem}",
+                "",
+                f"![{picture.stem}](gallery_{picture.name})",
+                "",
+            ]
             *text, last = output.read_text(encoding="utf-8").strip().splitlines()
             lines += ["```", *text, "```", "", f"Run time: {last.rpartition(', ')[2]}.", ""]
     return "\n".join(lines)
@@ -107,7 +117,18 @@ def build(folder: Path) -> int:
     """Write the site to a folder; the exit status of Sphinx."""
     source = folder.parent / f"{folder.name}-source"
     write_sources(source)
-    options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-c", str(DOCS), "-d", str(source / ".doctrees")]
+    options = [
+        "-b",
+        "html",
+        "-W",
+        "--keep-going",
+        "-n",
+        "-q",
+        "-c",
+        str(DOCS),
+        "-d",
+        str(source / ".doctrees"),
+    ]
     return sphinx([*options, str(source), str(folder)])
 
 

@@ -37,9 +37,14 @@ napoleon_use_rtype = False
 nitpick_ignore_regex = [("py:.*", ".*")]
 
 
-def files_are_pathlib(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+def files_are_pathlib(
+    app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
+) -> None:
     """Parameters of the type Path are files: without the module they would lead to `flexgen.Path`."""
-    lines[:] = [re.sub(r"^(\s*[\w, ]+ : .*(?:str|name)(?: or|,) )Path\b", r"\1pathlib.Path", line) for line in lines]
+    lines[:] = [
+        re.sub(r"^(\s*[\w, ]+ : .*(?:str|name)(?: or|,) )Path\b", r"\1pathlib.Path", line)
+        for line in lines
+    ]
 
 
 def setup(app: Any) -> None:

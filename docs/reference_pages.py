@@ -40,7 +40,13 @@ def python_reference() -> str:
         thing = getattr(flexgen, name)
         if name == "__version__":
             continue
-        group = "Functions" if not inspect.isclass(thing) else "Errors" if issubclass(thing, Exception) else "Classes"
+        group = (
+            "Functions"
+            if not inspect.isclass(thing)
+            else "Errors"
+            if issubclass(thing, Exception)
+            else "Classes"
+        )
         groups[group] += _entry(f"flexgen.{name}", thing)
     for group, entries in groups.items():
         lines += [*_title(group, "-"), *entries]
@@ -65,12 +71,18 @@ def declarations(header: str) -> dict[str, tuple[str, str]]:
 
 def wrapped(declaration: str) -> str:
     """A declaration in lines that fit the page."""
-    return "\n".join(textwrap.wrap(" ".join(declaration.split()), 84, subsequent_indent="    ", break_on_hyphens=False))
+    return "\n".join(
+        textwrap.wrap(
+            " ".join(declaration.split()), 84, subsequent_indent="    ", break_on_hyphens=False
+        )
+    )
 
 
 def any_model(text: str) -> str:
     """Emitted text in which the name of the model is a placeholder."""
-    return text.replace("elbow_", "<model>_").replace("ELBOW_", "<MODEL>_").replace("elbow", "<model>")
+    return (
+        text.replace("elbow_", "<model>_").replace("ELBOW_", "<MODEL>_").replace("elbow", "<model>")
+    )
 
 
 def _arguments(names: str, direction: str) -> list[str]:
@@ -139,8 +151,19 @@ def c_reference(folder: Path) -> str:
             "```",
             "",
         ]
-    for title, text in (("the library", header), ("paths and streams", inversion), ("inverse kinematics", poses)):
-        lines += [f"## Types and constants of {title}", "", "```c", any_model(_types(text)), "```", ""]
+    for title, text in (
+        ("the library", header),
+        ("paths and streams", inversion),
+        ("inverse kinematics", poses),
+    ):
+        lines += [
+            f"## Types and constants of {title}",
+            "",
+            "```c",
+            any_model(_types(text)),
+            "```",
+            "",
+        ]
     return "\n".join(lines)
 
 

@@ -27,7 +27,9 @@ def runs() -> dict[str, flexgen.ControlRun]:
     begin, end = solution.trajectory["y_ref"][0], solution.trajectory["y_ref"][-1]
     wall = flexgen.Wall((*end, 0.0), (*(begin - end), 0.0), stiffness=1e5, damping=500.0, gap=-0.01)
     return {
-        name: flexgen.control("planar5_nmp", solution=solution, controller=law, wall=wall, sample_time=SAMPLE_S)
+        name: flexgen.control(
+            "planar5_nmp", solution=solution, controller=law, wall=wall, sample_time=SAMPLE_S
+        )
         for name, law in LAWS.items()
     }
 
@@ -35,13 +37,19 @@ def runs() -> dict[str, flexgen.ControlRun]:
 @cv.apply_style
 def draw(found: dict[str, flexgen.ControlRun]) -> cv.Figure:
     """Force over time."""
-    figure = cv.new_figure(cv.WIDTH, 3.2, "planar5_nmp: a wall of 100 kN/m, 10 mm before the end of its line")
+    figure = cv.new_figure(
+        cv.WIDTH, 3.2, "planar5_nmp: a wall of 100 kN/m, 10 mm before the end of its line"
+    )
     ax = figure.subplots()
     for (name, run), color in zip(found.items(), (cv.RED, cv.BLUE, cv.GREEN), strict=True):
         force = run.nominal.contact
         assert force is not None
         ax.plot(run.reference.time, np.linalg.norm(force, axis=1), color=color, label=name)
-    ax.set(xlabel="time, s", ylabel="force of the wall, N", xlim=(0.3, found["P-PI"].reference.time[-1]))
+    ax.set(
+        xlabel="time, s",
+        ylabel="force of the wall, N",
+        xlim=(0.3, found["P-PI"].reference.time[-1]),
+    )
     ax.legend()
     return figure
 

@@ -26,7 +26,9 @@ DRIVES = flexgen.DriveHardware(sample_s=5e-4, encoder_noise_rad=1e-4, torque_noi
 def nominal() -> RobotModel:
     """The model file, with viscous friction only: Coulomb friction needs `flexgen.refine`."""
     model = flexgen.read("manutec_r3_18")
-    motors = (replace(motor, friction=replace(motor.friction, coulomb=0.0)) for motor in model.motors)
+    motors = (
+        replace(motor, friction=replace(motor.friction, coulomb=0.0)) for motor in model.motors
+    )
     return replace(model, motors=tuple(motors))
 
 
@@ -45,13 +47,19 @@ def main(folder: Path) -> None:
     print(plan)
     experiment = flexgen.measure(plan, robot)
     found = flexgen.identify(model, flexgen.frf(experiment), source="examples/identify_robot.py")
-    print(f"{found.status}: cost {found.cost:.2f}, {found.agreed} of {found.starts} starts, {found.wall_s:.1f} s")
-    print(f"{'parameter':16} {'found':>12} {'true':>12} {'error, %':>9} {'sd, %':>7} {'planned, %':>10}")
+    print(
+        f"{found.status}: cost {found.cost:.2f}, {found.agreed} of {found.starts} starts, {found.wall_s:.1f} s"
+    )
+    print(
+        f"{'parameter':16} {'found':>12} {'true':>12} {'error, %':>9} {'sd, %':>7} {'planned, %':>10}"
+    )
     for true in select(robot, found.vector.names):
         value, sd = found.values[true.name], 100 * found.sd[true.name]
         error = 100 * (value / true.value - 1)
         planned = 100 * plan.predicted[true.name]
-        print(f"{true.name:16} {value:12.6g} {true.value:12.6g} {error:9.3f} {sd:7.3f} {planned:10.3f}")
+        print(
+            f"{true.name:16} {value:12.6g} {true.value:12.6g} {error:9.3f} {sd:7.3f} {planned:10.3f}"
+        )
     print(f"new model file: {found.write(folder / 'manutec_r3_18_identified.toml')}")
     print(f"report: {found.report(folder)}")
     verdict = found.verdict("line", truth=robot)

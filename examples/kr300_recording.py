@@ -28,7 +28,8 @@ from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 
 HOME_DEG = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
-WINDOW, ORDER = 31, 5  # samples and degree of the smoothing polynomial: 0.12 s, below the lowest resonance of the arm
+# samples and degree of the smoothing polynomial: 0.12 s, below the lowest resonance of the arm
+WINDOW, ORDER = 31, 5
 V_0 = 0.01  # rad/s, arm side: width of the Coulomb step
 
 
@@ -55,7 +56,9 @@ def compare(recording: str | Path, robot: str | RobotModel = "kr300") -> Compari
     equations = flexgen.derive(robot)
     model = equations.model
     angle = np.deg2rad(data["q_mot_deg"] + np.array(HOME_DEG)[:, None])
-    q, v, a = (savgol_filter(angle, WINDOW, ORDER, deriv=k, delta=t[1] - t[0], axis=1).T for k in range(3))
+    q, v, a = (
+        savgol_filter(angle, WINDOW, ORDER, deriv=k, delta=t[1] - t[0], axis=1).T for k in range(3)
+    )
     arm = evaluate(equations.function("inverse_dynamics"), q, v, a)[0]
     inertia = np.array([motor.inertia for motor in model.motors])
     body = np.linalg.solve(model.eta.T, arm.T).T + inertia * (a @ model.eta.T)
@@ -76,7 +79,13 @@ def draw(comparison: Comparison, path: str | Path) -> None:
     FigureCanvasAgg(figure)
     for i, axes in enumerate(figure.subplots(3, 2, sharex=True).T.ravel()):
         axes.plot(comparison.t, comparison.measured[:, i], color="0.6", lw=0.8, label="measured")
-        axes.plot(comparison.t, comparison.model[:, i], color="#0072B2", lw=1.1, label="model + fitted friction")
+        axes.plot(
+            comparison.t,
+            comparison.model[:, i],
+            color="#0072B2",
+            lw=1.1,
+            label="model + fitted friction",
+        )
         axes.set_title(f"axis {i + 1}: R² = {comparison.r2[i]:.3f}", loc="left", fontsize=10)
         axes.set_ylabel("motor torque in N m")
         axes.grid(alpha=0.3)
@@ -89,7 +98,9 @@ def draw(comparison: Comparison, path: str | Path) -> None:
 def main() -> int:
     """Compare, print the table, plot."""
     if len(sys.argv) not in (2, 3):
-        print("usage: python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]", file=sys.stderr)
+        print(
+            "usage: python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]", file=sys.stderr
+        )
         return 2
     comparison = compare(sys.argv[1])
     print("R2: of the model with fitted friction, and of friction and constant alone")

@@ -11,18 +11,29 @@ import flexgen
 given = flexgen.solve("planar5_nmp", "line")
 torque = np.abs(given.trajectory["tau_m"]).max(axis=0)  # the limits that flexgen.fastest takes
 
-problem = flexgen.plan_problem("planar5_nmp", "line", mesh=100, timing="free", limits=flexgen.Limits(tuple(torque)))
+problem = flexgen.plan_problem(
+    "planar5_nmp", "line", mesh=100, timing="free", limits=flexgen.Limits(tuple(torque))
+)
 problem.free_time(0.2, 1.0)
 problem.add_cost(problem.duration, at="end")
-problem.add_cost(1e-6 * ca.sumsqr(ca.diff(problem.nodes("tau_m").T)))  # of several torques the calmest
+# of several torques the calmest
+problem.add_cost(1e-6 * ca.sumsqr(ca.diff(problem.nodes("tau_m").T)))
 problem.follow(tolerance=1e-6)
 solution = problem.solve(guess=given)
-fastest = flexgen.fastest("planar5_nmp", "line", coefficients=40, limits=flexgen.Limits(tuple(torque)))
+fastest = flexgen.fastest(
+    "planar5_nmp", "line", coefficients=40, limits=flexgen.Limits(tuple(torque))
+)
 
 print("motion                      duration   from the path")
-print(f"as given                  {given.move.duration:.4f} s   {1e6 * given.tool_error_max_m:.4f} um")
-print(f"fastest, spline time law  {fastest.duration_s:.4f} s   {1e6 * fastest.solution.tool_error_max_m:.4f} um")
-print(f"planned, free time law    {solution.move.duration:.4f} s   {1e6 * solution.path_distance_max_m:.4f} um")
+print(
+    f"as given                  {given.move.duration:.4f} s   {1e6 * given.tool_error_max_m:.4f} um"
+)
+print(
+    f"fastest, spline time law  {fastest.duration_s:.4f} s   {1e6 * fastest.solution.tool_error_max_m:.4f} um"
+)
+print(
+    f"planned, free time law    {solution.move.duration:.4f} s   {1e6 * solution.path_distance_max_m:.4f} um"
+)
 print(f"rigid robot, at least     {fastest.rigid_s:.4f} s")
 print(solution.status)
 solution.plot().savefig("minimum_time.png")

@@ -28,7 +28,9 @@ tool = np.array([robot.function("output")(q) for q in solution.trajectory["q_a"]
 print("motion          clearance of the tool")
 print(f"straight line {1e3 * clearance(straight):10.1f} mm")
 print(f"planned       {1e3 * clearance(tool):10.1f} mm")
-print(f"simulated {1e6 * solution.plan_error_max_m:.1f} um, {1e6 * solution.plan_error_max_rad:.1f} urad from the plan")
+print(
+    f"simulated {1e6 * solution.plan_error_max_m:.1f} um, {1e6 * solution.plan_error_max_rad:.1f} urad from the plan"
+)
 print(f"{solution.iterations} iterations")
 print(f"{solution.status}, {time.perf_counter() - began:.1f} s in all")
 solution.plot().savefig("obstacle_avoidance.png")

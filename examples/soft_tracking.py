@@ -15,7 +15,8 @@ print("torque limits   tool from its reference   tool from the path   status")
 for share in (1.0, 0.9, 0.8):
     limits = flexgen.Limits(torque=tuple(share * needed))
     problem = flexgen.plan_problem("planar5_nmp@soft", "line", mesh=100, limits=limits)
-    problem.add_squares(1e3 * problem.output_error)  # 1 mm counts as much as 1 rad of the other terms
+    # 1 mm counts as much as 1 rad of the other terms
+    problem.add_squares(1e3 * problem.output_error)
     problem.add_cost(1e-6 * ca.sumsqr(ca.diff(problem.nodes("tau_m").T)))
     solution = problem.solve(guess="lq")
     print(

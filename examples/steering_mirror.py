@@ -28,7 +28,9 @@ def responses(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, Estimate]:
     lines = np.flatnonzero(size > EXCITED * size.max())
     channels, records, periods = u.shape[1:]
     blocks = [
-        x[lines].reshape(len(lines), channels, records // channels, channels, periods).transpose(2, 4, 0, 1, 3)[None]
+        x[lines]
+        .reshape(len(lines), channels, records // channels, channels, periods)
+        .transpose(2, 4, 0, 1, 3)[None]
         for x in (U, Y)
     ]
     return lines, estimate(blocks[0], blocks[1])
@@ -45,8 +47,12 @@ def draw(lines: np.ndarray, found: Estimate, picture: Path) -> None:
         for b in range(n):
             ax = axes[a, b]
             ax.loglog(lines, np.abs(found.G[0, :, a, b]), label="response")
-            ax.loglog(lines, np.sqrt(found.total[0, :, a, b]), lw=0.8, label="deviation, with distortion")
-            ax.loglog(lines, np.sqrt(found.variance[0, :, a, b]), lw=0.8, label="deviation by noise")
+            ax.loglog(
+                lines, np.sqrt(found.total[0, :, a, b]), lw=0.8, label="deviation, with distortion"
+            )
+            ax.loglog(
+                lines, np.sqrt(found.variance[0, :, a, b]), lw=0.8, label="deviation by noise"
+            )
             ax.set_title(f"input {b + 1}, output {a + 1}", fontsize=9)
     figure.supxlabel("line, multiples of 1/period")
     figure.supylabel("amplitude, m/V")

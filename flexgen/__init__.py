@@ -271,7 +271,9 @@ _NOUNS = {
     "combinations": "flexgen.sweeps.cases",
     "random_moves": "flexgen.sweeps.cases",
 }
-_ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
+_ERRORS = dict.fromkeys(
+    ["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors"
+)
 _EXPORTS = {f"export_{name}": export.module for name, export in registry.EXPORTS.items()}
 _PUBLIC = _VERBS | _EXPORTS | _NOUNS | _ERRORS
 _FORMER = {  # names of version 0.2
@@ -343,7 +345,9 @@ _RESULTS = {
 }
 for _group, _targets in {
     "results": _RESULTS,
-    "exports": {name: f"{export.module}:export_{name}" for name, export in registry.EXPORTS.items()},
+    "exports": {
+        name: f"{export.module}:export_{name}" for name, export in registry.EXPORTS.items()
+    },
     "devices": {"cuda": "flexgen.cuda.library:CudaLibrary"},
     "methods": {
         "discretized": "flexgen.lab.methods:DISCRETIZED",

@@ -25,8 +25,14 @@ SIZE_MAX = 500_000_000  # bytes
 def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Path:
     """Write a file; it appears whole or not at all."""
     pairs = [name for name, array in arrays.items() if np.iscomplexobj(array)]
-    arrays = {name: _split_complex(array) if name in pairs else array for name, array in arrays.items()}
-    text = json.dumps({"kind": kind, "format": FORMAT, "complex": pairs, **meta}, ensure_ascii=True, allow_nan=False)
+    arrays = {
+        name: _split_complex(array) if name in pairs else array for name, array in arrays.items()
+    }
+    text = json.dumps(
+        {"kind": kind, "format": FORMAT, "complex": pairs, **meta},
+        ensure_ascii=True,
+        allow_nan=False,
+    )
     with atomic_file(path) as stream:
         np.savez_compressed(stream, meta=np.array(text), **arrays)  # type: ignore[arg-type]
     return Path(path)
@@ -44,10 +50,14 @@ def load_instance(kind_of: type[T], path: str | Path, kind: str, names: str) -> 
     try:
         return kind_of.from_data(arrays, meta)  # type: ignore[attr-defined]
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise ArgumentError(f"{kind} {path}: damaged or incomplete ({error}), expected a file of flexgen") from None
+        raise ArgumentError(
+            f"{kind} {path}: damaged or incomplete ({error}), expected a file of flexgen"
+        ) from None
 
 
-def load(path: str | Path, kind: str, names: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def load(
+    path: str | Path, kind: str, names: Sequence[str]
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """The arrays and the other data of a file.
 
     Raises
@@ -59,7 +69,9 @@ def load(path: str | Path, kind: str, names: Sequence[str]) -> tuple[dict[str, n
     try:
         arrays = read_npz(Path(path), SIZE_MAX)
     except OSError as error:
-        raise ArgumentError(f"{shown}: cannot be read ({error.strerror}), expected a file of flexgen") from None
+        raise ArgumentError(
+            f"{shown}: cannot be read ({error.strerror}), expected a file of flexgen"
+        ) from None
     except NpzError as error:
         raise ArgumentError(f"{shown}: {error}") from None
     text = arrays.pop("meta", None)
@@ -68,7 +80,11 @@ def load(path: str | Path, kind: str, names: Sequence[str]) -> tuple[dict[str, n
     except ValueError:
         meta = {}
     if not isinstance(meta, dict) or meta.get("kind") != kind:
-        found = repr(meta.get("kind")) if isinstance(meta, dict) and "kind" in meta else "no text 'meta'"
+        found = (
+            repr(meta.get("kind"))
+            if isinstance(meta, dict) and "kind" in meta
+            else "no text 'meta'"
+        )
         raise ArgumentError(f"{shown}: given a file with {found}, expected the kind {kind!r}")
     if meta.get("format") != FORMAT:
         raise ArgumentError(f"{shown}: given the format {meta.get('format')!r}, expected {FORMAT}")
@@ -81,7 +97,9 @@ def load(path: str | Path, kind: str, names: Sequence[str]) -> tuple[dict[str, n
     for name in meta.get("complex", ()):
         array = arrays.get(name)
         if array is None or array.dtype != np.float64 or array.ndim == 0 or array.shape[-1] != 2:
-            raise ArgumentError(f"{shown}: array {name!r}: expected pairs of real and imaginary part")
+            raise ArgumentError(
+                f"{shown}: array {name!r}: expected pairs of real and imaginary part"
+            )
         arrays[name] = array[..., 0] + 1j * array[..., 1]
     return arrays, meta
 

@@ -108,12 +108,16 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
         return
     follow_links(path)
     if not folder and path.is_dir():
-        raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected a file name")
+        raise ArgumentError(
+            f"output: given {str(path)!r}, which is a directory, expected a file name"
+        )
     ancestor = path if folder else path.parent
     while not ancestor.exists() and ancestor != ancestor.parent:
         ancestor = ancestor.parent
     if not ancestor.is_dir():
-        raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory")
+        raise ArgumentError(
+            f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory"
+        )
 
 
 def follow_links(path: str | Path) -> Path:

@@ -19,14 +19,18 @@ SECONDS = 86_400.0  # of a motion, a period of an excitation or a time limit
 def count_of(name: str, value: Any, most: int, least: int = 1) -> int:
     """A count as an int; ArgumentError unless it is a whole number from ``least`` to ``most``."""
     if not is_whole(value, least, most):
-        raise ArgumentError(f"{name}: given {show_value(value)}, expected a whole number from {least} to {most}")
+        raise ArgumentError(
+            f"{name}: given {show_value(value)}, expected a whole number from {least} to {most}"
+        )
     return int(value)
 
 
 def seconds_of(name: str, value: Any, most: float = SECONDS) -> float:
     """A time [s] as a float; ArgumentError unless it is a number above zero, at most ``most``."""
     if not is_number(value) or not 0 < value <= most:
-        raise ArgumentError(f"{name}: given {show_value(value)}, expected a number above 0, at most {most:g} s")
+        raise ArgumentError(
+            f"{name}: given {show_value(value)}, expected a number above 0, at most {most:g} s"
+        )
     return float(value)
 
 
@@ -35,5 +39,9 @@ def show_value(value: Any) -> str:
     try:
         text = repr(value)
     except ValueError:
-        return f"an integer of {value.bit_length()} bits" if isinstance(value, int) else "a value without a text"
+        return (
+            f"an integer of {value.bit_length()} bits"
+            if isinstance(value, int)
+            else "a value without a text"
+        )
     return text if len(text) <= 80 else f"{text[:60]} ... ({len(text)} characters)"

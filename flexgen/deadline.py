@@ -62,7 +62,9 @@ _current: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
 def running(seconds: float | None) -> Iterator[Deadline]:
     """Within: a time limit [s]; None: unlimited. A limit within another one ends with the outer one at the latest."""
     outer = _current.get()
-    deadline = Deadline(min(math.inf if seconds is None else seconds, math.inf if outer is None else outer.left))
+    deadline = Deadline(
+        min(math.inf if seconds is None else seconds, math.inf if outer is None else outer.left)
+    )
     token = _current.set(deadline)
     try:
         with interrupts_recorded(deadline):

@@ -15,7 +15,10 @@ def warn_of_old(text: str) -> None:
     """Warn in the line of the caller of flexgen, which is the first one outside of it."""
     level = 2
     frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "flexgen":
+    while (
+        frame.f_back is not None
+        and frame.f_globals.get("__name__", "").partition(".")[0] == "flexgen"
+    ):
         frame, level = frame.f_back, level + 1
     warnings.warn(text, DeprecationWarning, stacklevel=level)
 

@@ -30,7 +30,9 @@ class _Short(Repr):
 
     def repr_instance(self, x: Any, level: int) -> str:
         """Data classes get their own short text; what has none is named by its class, without an address."""
-        text = type(x).__name__ if type(x).__repr__ is object.__repr__ else " ".join(repr(x).split())
+        text = (
+            type(x).__name__ if type(x).__repr__ is object.__repr__ else " ".join(repr(x).split())
+        )
         return text if len(text) <= self.maxother else f"{text[: self.maxother - 3]}..."
 
 
@@ -53,7 +55,11 @@ class Figure(NamedTuple):
 
 def figure_rows(figures: Iterable[Figure]) -> list[tuple[str, str]]:
     """Labels and texts of the figures that have a value."""
-    return [(f.label, _figure_text(f.value, f.unit).strip()) for f in figures if f.value not in (None, "")]
+    return [
+        (f.label, _figure_text(f.value, f.unit).strip())
+        for f in figures
+        if f.value not in (None, "")
+    ]
 
 
 def _figure_text(value: str | float | None, unit: str) -> str:
@@ -66,13 +72,19 @@ def format_size(value: float | None, unit: str) -> str:
     """A length [m] or angle [rad] with a prefix of its unit: ``9.18e-05 um``, ``4.2 mm``; a dash for None."""
     if value is None or not math.isfinite(value):
         return "-"
-    factor, prefix = (1.0, "") if value >= 0.9995 else (1e3, "m") if value >= 0.9995e-3 else (1e6, "u")
+    factor, prefix = (
+        (1.0, "") if value >= 0.9995 else (1e3, "m") if value >= 0.9995e-3 else (1e6, "u")
+    )
     return f"{factor * value:.3g} {prefix}{unit}"
 
 
 def both_measured(in_m: float | None, in_rad: float | None) -> str:
     """A length and an angle: ``4.2 mm and 3 urad``; empty where there is neither."""
-    return " and ".join(format_size(value, unit) for value, unit in ((in_m, "m"), (in_rad, "rad")) if value is not None)
+    return " and ".join(
+        format_size(value, unit)
+        for value, unit in ((in_m, "m"), (in_rad, "rad"))
+        if value is not None
+    )
 
 
 def plain(value: Any) -> Any:
@@ -98,7 +110,9 @@ def plain(value: Any) -> Any:
     if isinstance(title := getattr(value, "title", None), str):
         return title
     if dataclasses.is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {
+            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
     return str(value)
 
 
@@ -120,12 +134,22 @@ def short_text(value: Any) -> str:
 
 def short_repr(instance: Any) -> str:
     """One line for an instance of a data class: the fields that differ from their defaults, long values shortened."""
-    given = ((field, getattr(instance, field.name)) for field in dataclasses.fields(instance) if field.repr)
-    parts = [f"{field.name}={_SHORT.repr(value)}" for field, value in given if repr(value) != repr(field.default)]
+    given = (
+        (field, getattr(instance, field.name))
+        for field in dataclasses.fields(instance)
+        if field.repr
+    )
+    parts = [
+        f"{field.name}={_SHORT.repr(value)}"
+        for field, value in given
+        if repr(value) != repr(field.default)
+    ]
     return f"{type(instance).__name__}({', '.join(parts)})"
 
 
 def table_html(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """An HTML table of labels and texts for notebooks; all texts are escaped."""
-    body = "".join(f"<tr><td>{escape(label)}</td><td>{escape(text)}</td></tr>" for label, text in rows)
+    body = "".join(
+        f"<tr><td>{escape(label)}</td><td>{escape(text)}</td></tr>" for label, text in rows
+    )
     return f"<table><caption>{escape(title)}</caption>{body}</table>"

@@ -15,7 +15,10 @@ def printable(text: str) -> str:
     """A text without control characters, which a terminal would obey; line ends and tabs stay."""
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(
+        c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode("ascii")
+        for c in text
+    )
 
 
 def message_of(text: str) -> str:
@@ -50,7 +53,9 @@ class FlexgenError(Exception):
         return _restore, (type(self), self.args, self.__dict__)
 
 
-def _restore(kind: type[FlexgenError], args: tuple[Any, ...], fields: dict[str, Any]) -> FlexgenError:
+def _restore(
+    kind: type[FlexgenError], args: tuple[Any, ...], fields: dict[str, Any]
+) -> FlexgenError:
     error = kind.__new__(kind, *args)
     error.__dict__.update(fields)
     return error
@@ -105,9 +110,12 @@ def is_numerical(error: BaseException) -> bool:
     """Whether an error is numerical: overflow, division by zero, a singular matrix, numbers that are not finite."""
     if isinstance(error, FlexgenError):
         return False
-    if isinstance(error, ArithmeticError) or any(kind.__name__ == "LinAlgError" for kind in type(error).__mro__):
+    if isinstance(error, ArithmeticError) or any(
+        kind.__name__ == "LinAlgError" for kind in type(error).__mro__
+    ):
         return True
-    return isinstance(error, ValueError) and "infs or nans" in str(error).lower()  # raised by scipy for its arguments
+    # raised by scipy for its arguments
+    return isinstance(error, ValueError) and "infs or nans" in str(error).lower()
 
 
 def computation_failed(what: str, error: BaseException) -> str:

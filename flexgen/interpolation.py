@@ -12,7 +12,8 @@ from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.torque_curve import interval_polynomials, read_degree, torque_curve
 
-MOTIONS = (("q_a", "v_a", "a_a"), ("q_m", "v_m", "a_m"))  # channels that are derivatives of each other
+# channels that are derivatives of each other
+MOTIONS = (("q_a", "v_a", "a_a"), ("q_m", "v_m", "a_m"))
 DEGREE = 5
 
 
@@ -45,22 +46,38 @@ def interpolate(
     except (TypeError, ValueError, OverflowError):
         at = np.array(np.nan)
     if at.ndim > 1 or not ((at >= grid[0]) & (at <= grid[-1])).all():
-        what = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else show_value(t)
-        raise ArgumentError(f"t: given {what}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s")
+        what = (
+            f"shape {at.shape}"
+            if at.ndim > 1
+            else "an instant that is outside"
+            if at.ndim
+            else show_value(t)
+        )
+        raise ArgumentError(
+            f"t: given {what}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s"
+        )
     found: dict[str, np.ndarray] = {}
     degree = read_degree(meta)
     for names in MOTIONS:
         given = [name for name in names if name in channels]
         if given[:1] == [names[0]] and given == list(names[: len(given)]):
             samples = [channels[name] for name in given]
-            curve = _hermite(grid, samples) if degree is None or len(given) < 3 else _integrate(grid, samples, degree)
+            curve = (
+                _hermite(grid, samples)
+                if degree is None or len(given) < 3
+                else _integrate(grid, samples, degree)
+            )
             found |= {name: np.asarray(curve(at, order)) for order, name in enumerate(given)}
     for name in channels:
         if name == "tau_m":
             limited = meta.get("torque") == "limited"
-            found[name] = np.asarray(torque_curve(grid, channels[name], limited=limited, degree=degree)(at))
+            found[name] = np.asarray(
+                torque_curve(grid, channels[name], limited=limited, degree=degree)(at)
+            )
         elif name not in found:
-            found[name] = np.asarray(make_interp_spline(grid, channels[name], k=min(DEGREE, len(grid) - 1))(at))
+            found[name] = np.asarray(
+                make_interp_spline(grid, channels[name], k=min(DEGREE, len(grid) - 1))(at)
+            )
     return {name: found[name] for name in channels}
 
 

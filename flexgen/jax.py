@@ -43,5 +43,7 @@ def functions(library: Library) -> Functions:
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("jax"):
             raise
-        raise BuildError("jax: given none, expected the package jax; pip install 'flexgen-robotics[jax]'") from None
+        raise BuildError(
+            "jax: given none, expected the package jax; pip install 'flexgen-robotics[jax]'"
+        ) from None
     return functions_of(library)

@@ -26,7 +26,8 @@ HEADER = 10_000  # bytes of the header of an array, at most
 _END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"  # of the table of contents
 _END_SIZE, _COMMENT = 22, 2**16
 _TYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f(2|4|8|16)|U\d{1,9})")
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those of numpy; others unpack without a bound
+# those of numpy; others unpack without a bound
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 class NpzError(ValueError):
@@ -38,7 +39,9 @@ class NpzError(ValueError):
 
 
 def read_npz(
-    path: Path, size_max: int, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None] | None = None
+    path: Path,
+    size_max: int,
+    check: Callable[[str, tuple[int, ...], np.dtype[Any]], None] | None = None,
 ) -> dict[str, np.ndarray]:
     """The arrays of an npz file by name.
 
@@ -72,7 +75,14 @@ def read_npz(
             return {name: _array(archive, name, *header) for name, header in headers.items()}
     except NpzError:
         raise
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, UnicodeError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        UnicodeError,
+    ) as error:
         reason = str(error) or type(error).__name__
         raise NpzError(f"a damaged .npz file ({reason})", "one that numpy.savez wrote") from None
 
@@ -95,7 +105,9 @@ def _check_directory(path: Path, size_max: int) -> None:
         raise NpzError("an .npz file without its end", "a complete one; write or copy it again")
     length = int.from_bytes(tail[end + 12 : end + 16], "little")
     if length > DIRECTORY or tail[max(0, end - 20) : end].startswith(_END_64):
-        raise NpzError("an .npz file with a table of contents that is too long", f"at most {MEMBERS} arrays")
+        raise NpzError(
+            "an .npz file with a table of contents that is too long", f"at most {MEMBERS} arrays"
+        )
 
 
 def _check_sizes(archive: zipfile.ZipFile, size: int) -> None:
@@ -109,7 +121,9 @@ def _check_sizes(archive: zipfile.ZipFile, size: int) -> None:
             )
 
 
-def _headers(archive: zipfile.ZipFile, size_max: int) -> dict[str, tuple[tuple[int, ...], bool, np.dtype[Any], int]]:
+def _headers(
+    archive: zipfile.ZipFile, size_max: int
+) -> dict[str, tuple[tuple[int, ...], bool, np.dtype[Any], int]]:
     """Shape, order, type and start of the numbers of each array by name, consistent with its size in the archive."""
     members = archive.infolist()
     if len(members) > MEMBERS:
@@ -123,7 +137,9 @@ def _headers(archive: zipfile.ZipFile, size_max: int) -> dict[str, tuple[tuple[i
         if not member.filename.endswith(".npy") or name in out:
             raise NpzError(f"the member {member.filename[:80]!r}", "arrays with different names")
         if member.compress_type not in _METHODS or member.flag_bits & 1:
-            raise NpzError(f"the array {name[:80]!r} packed in an unknown way", "one that numpy.savez wrote")
+            raise NpzError(
+                f"the array {name[:80]!r} packed in an unknown way", "one that numpy.savez wrote"
+            )
         with archive.open(member) as stream:
             shape, by_columns, dtype = _header(stream, name)
             start = stream.tell()
@@ -146,14 +162,19 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dty
     if width and length <= HEADER:
         try:
             head = ast.literal_eval(stream.read(length).decode("latin-1").strip())
-        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError, Warning):  # the text is short
+        # the text is short
+        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError, Warning):
             head = None
     if not isinstance(head, dict) or head.keys() != {"descr", "fortran_order", "shape"}:
         raise NpzError(f"the array {name[:80]!r} without a header that can be read", "one of numpy")
     descr, shape, by_columns = head["descr"], head["shape"], head["fortran_order"]
     if not (isinstance(descr, str) and _TYPE.fullmatch(descr)):
         raise NpzError(f"the array {name[:80]!r} of type {_shorten(descr)}", "numbers or text")
-    if not (isinstance(shape, tuple) and len(shape) <= 32 and all(type(n) is int and n >= 0 for n in shape)):
+    if not (
+        isinstance(shape, tuple)
+        and len(shape) <= 32
+        and all(type(n) is int and n >= 0 for n in shape)
+    ):
         raise NpzError(f"the array {name[:80]!r} of shape {_shorten(shape)}", "whole numbers >= 0")
     try:
         return shape, bool(by_columns), np.dtype(descr)
@@ -162,14 +183,21 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dty
 
 
 def _array(
-    archive: zipfile.ZipFile, name: str, shape: tuple[int, ...], by_columns: bool, dtype: np.dtype[Any], start: int
+    archive: zipfile.ZipFile,
+    name: str,
+    shape: tuple[int, ...],
+    by_columns: bool,
+    dtype: np.dtype[Any],
+    start: int,
 ) -> np.ndarray:
     with archive.open(f"{name}.npy") as stream:
         content = stream.read(start + math.prod(shape) * dtype.itemsize)
         content += stream.read(1)  # its end: the checksum is compared there
     count = math.prod(shape)
     if len(content) != start + count * dtype.itemsize:
-        raise NpzError(f"the array {name[:80]!r} with {len(content)} bytes", "as many as the archive states")
+        raise NpzError(
+            f"the array {name[:80]!r} with {len(content)} bytes", "as many as the archive states"
+        )
     numbers = np.frombuffer(content, dtype, count, start) if count else np.zeros(0, dtype)
     if dtype.kind == "U" and count and dtype.itemsize:
         codes = np.frombuffer(content, np.dtype("u4").newbyteorder(dtype.byteorder), -1, start)

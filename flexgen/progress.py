@@ -41,7 +41,9 @@ def is_interactive() -> bool:
 
 def _in_notebook() -> bool:
     shell = sys.modules.get("IPython")
-    current: Any = shell.get_ipython() if shell is not None and hasattr(shell, "get_ipython") else None
+    current: Any = (
+        shell.get_ipython() if shell is not None and hasattr(shell, "get_ipython") else None
+    )
     return type(current).__name__ == "ZMQInteractiveShell"
 
 
@@ -78,7 +80,9 @@ def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
         Something else was given.
     """
     if not callable(progress) and progress is not None and not isinstance(progress, bool):
-        raise ArgumentError(f"progress: given {progress!r}, expected a function of one line, True, False or None")
+        raise ArgumentError(
+            f"progress: given {progress!r}, expected a function of one line, True, False or None"
+        )
     shown = is_interactive() and not _inside.get() if progress is None else progress
     line = None if callable(progress) or not shown else _Line(name)
     token = _inside.set(True)
@@ -100,7 +104,9 @@ def _one_blas_thread() -> Iterator[None]:
     global _blocks
     with _lock:
         if _blocks == 0:
-            _limits.enter_context(_blas_libraries(len(sys.modules)).limit(limits=1, user_api="blas"))
+            _limits.enter_context(
+                _blas_libraries(len(sys.modules)).limit(limits=1, user_api="blas")
+            )
         _blocks += 1
     try:
         yield

@@ -69,7 +69,8 @@ def own_names(group: str) -> tuple[str, ...]:
 @cache
 def _points(group: str) -> dict[str, Any]:
     """The entry points of a group by name."""
-    from importlib.metadata import entry_points  # here: it takes as long to import as the rest of ``--version``
+    # here: it takes as long to import as the rest of ``--version``
+    from importlib.metadata import entry_points
 
     return {point.name: point for point in entry_points(group=f"flexgen.{group}")}
 

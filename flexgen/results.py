@@ -53,10 +53,14 @@ class Result:
             return write_text(target, as_json(self.to_dict()) + "\n")
         if trajectory is not None:
             return Path((trajectory() if callable(trajectory) else trajectory).save(target))
-        arrays = {name: value for name, value in self._entries().items() if hasattr(value, "tolist")}
+        arrays = {
+            name: value for name, value in self._entries().items() if hasattr(value, "tolist")
+        }
         if target.suffix != ".npz" or not arrays:
             kinds = ".json or .npz" if arrays else ".json"
-            raise ArgumentError(f"path: given {target.name!r}, expected a name that ends in {kinds}")
+            raise ArgumentError(
+                f"path: given {target.name!r}, expected a name that ends in {kinds}"
+            )
         from flexgen import array_files
 
         rest = {name: plain(value) for name, value in self._entries().items() if name not in arrays}
@@ -116,23 +120,33 @@ class Result:
         own = _viewer(type(self), "_repr_html_")
         if own is not None:
             return str(own(self))
-        warnings = "".join(f"<p>warning: {escape(str(text))}</p>" for text in getattr(self, "warnings", ()))
+        warnings = "".join(
+            f"<p>warning: {escape(str(text))}</p>" for text in getattr(self, "warnings", ())
+        )
         return table_html(self._title(), self._rows()) + warnings
 
     def _rows(self) -> list[tuple[str, str]]:
         """Labels and texts of the table in notebooks."""
-        rows = ((name.replace("_", " "), short_text(value)) for name, value in self._entries().items())
+        rows = (
+            (name.replace("_", " "), short_text(value)) for name, value in self._entries().items()
+        )
         return [(label, text) for label, text in rows if text]
 
     def _title(self) -> str:
         """The beginning of the short text without the name of the class."""
         kind, text = type(self).__name__, repr(self)
-        return text[len(kind) + 2 :].rstrip(">").partition(": ")[0] if text.startswith(f"<{kind} ") else kind
+        return (
+            text[len(kind) + 2 :].rstrip(">").partition(": ")[0]
+            if text.startswith(f"<{kind} ")
+            else kind
+        )
 
     def _entries(self) -> dict[str, Any]:
         """The fields of a data class, the entries of `to_dict` of others."""
         return (
-            {field.name: getattr(self, field.name) for field in fields(self)} if is_dataclass(self) else self.to_dict()
+            {field.name: getattr(self, field.name) for field in fields(self)}
+            if is_dataclass(self)
+            else self.to_dict()
         )
 
 

@@ -21,7 +21,13 @@ UNITS = {
 }
 FORCES = ("joint_torque", "wrench")
 # time derivatives up to an acceleration
-ORDERS = {"accelerometer": 0, "gyro": 1, "link_encoder": 2, "tracker": 2, "strain": 2} | dict.fromkeys(FORCES, 0)
+ORDERS = {
+    "accelerometer": 0,
+    "gyro": 1,
+    "link_encoder": 2,
+    "tracker": 2,
+    "strain": 2,
+} | dict.fromkeys(FORCES, 0)
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 TOOL = "tool"
 
@@ -78,7 +84,9 @@ class Sensor:
     @property
     def units(self) -> tuple[str, ...]:
         """SI units of the channels."""
-        return ("N",) * 3 + ("N m",) * 3 if self.type == "wrench" else (self.unit,) * len(self.labels)
+        return (
+            ("N",) * 3 + ("N m",) * 3 if self.type == "wrench" else (self.unit,) * len(self.labels)
+        )
 
     @property
     def noises(self) -> tuple[float, ...]:

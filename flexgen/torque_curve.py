@@ -11,12 +11,15 @@ from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
 from flexgen.errors import ArgumentError
 
-POLYNOMIALS = "torque_degree"  # key of meta data: a polynomial of this degree on each `SAMPLES` samples, with jumps
+# key of meta data: a polynomial of this degree on each `SAMPLES` samples, with jumps
+POLYNOMIALS = "torque_degree"
 DEGREE, SAMPLES = 5, 10  # of the polynomials of a limited torque, and samples of each
 ON_GRID = 1e-7  # relative distance up to which samples are on a grid
 
 
-def torque_curve(t: np.ndarray, torque: np.ndarray, *, limited: bool, degree: int | None = None) -> PPoly:
+def torque_curve(
+    t: np.ndarray, torque: np.ndarray, *, limited: bool, degree: int | None = None
+) -> PPoly:
     """Motor torque (n_m) at an instant, or (k, n_m) at k of them, from samples (n, n_m) at the instants ``t`` (n,) [s].
 
     A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, since a spline overshoots
@@ -33,7 +36,9 @@ def spline(t: np.ndarray, torque: np.ndarray) -> PPoly:
     """The quintic spline through samples; a polynomial where there are fewer than six."""
     curve = make_interp_spline(t, torque, k=min(DEGREE, len(t) - 1))
     knots = np.unique(curve.t)  # those at both ends are repeated
-    derivatives = [curve.derivative(m)(knots[:-1]) / math.factorial(m) for m in range(curve.k, 0, -1)]
+    derivatives = [
+        curve.derivative(m)(knots[:-1]) / math.factorial(m) for m in range(curve.k, 0, -1)
+    ]
     return PPoly(np.stack([*derivatives, curve(knots[:-1])]), knots)
 
 
@@ -78,7 +83,9 @@ def read_degree(meta: Mapping[str, Any]) -> int | None:
     degree = meta.get(POLYNOMIALS)
     if degree is None or (type(degree) is int and 0 <= degree <= DEGREE):
         return degree
-    raise ArgumentError(f"trajectory: given {POLYNOMIALS} = {str(degree)[:40]}, expected an integer from 0 to {DEGREE}")
+    raise ArgumentError(
+        f"trajectory: given {POLYNOMIALS} = {str(degree)[:40]}, expected an integer from 0 to {DEGREE}"
+    )
 
 
 def _intervals(t: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -86,7 +93,11 @@ def _intervals(t: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.nda
     n, left = divmod(len(t) - 1, SAMPLES)
     theta = np.linspace(0.0, 1.0, SAMPLES + 1)
     at = SAMPLES * np.arange(n)[:, None] + np.arange(SAMPLES + 1)
-    if n == 0 or left or np.abs((t[at] - t[at[:, :1]]) / np.diff(t[::SAMPLES])[:, None] - theta).max() > ON_GRID:
+    if (
+        n == 0
+        or left
+        or np.abs((t[at] - t[at[:, :1]]) / np.diff(t[::SAMPLES])[:, None] - theta).max() > ON_GRID
+    ):
         raise ArgumentError(
             f"trajectory: given {len(t)} instants, expected intervals of {SAMPLES} equal steps for {what}"
         )
@@ -99,7 +110,9 @@ def side_by_side(curves: Sequence[PPoly], begin: float, end: float) -> PPoly:
     breaks = np.unique(np.concatenate([[begin, end], *inner]))
     degree = max(len(curve.c) for curve in curves) - 1
     derivatives = [
-        np.hstack([curve.derivative(m)(breaks[:-1]) if m else curve(breaks[:-1]) for curve in curves])
+        np.hstack(
+            [curve.derivative(m)(breaks[:-1]) if m else curve(breaks[:-1]) for curve in curves]
+        )
         / math.factorial(m)
         for m in range(degree, -1, -1)
     ]
@@ -119,7 +132,10 @@ def _sampled_polynomials(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
     powers = theta[:, None] ** np.arange(DEGREE, -1, -1)
     samples = torque[at]  # (n, SAMPLES + 1, n_m)
     coefficients = np.einsum("dp,npm->ndm", np.linalg.pinv(powers), samples)
-    if np.abs(np.einsum("pd,ndm->npm", powers, coefficients) - samples).max() > ON_GRID * np.abs(torque).max():
+    if (
+        np.abs(np.einsum("pd,ndm->npm", powers, coefficients) - samples).max()
+        > ON_GRID * np.abs(torque).max()
+    ):
         return None
     scaled = coefficients / width[:, None, None] ** np.arange(DEGREE, -1, -1)[:, None]
     return PPoly(scaled.transpose(1, 0, 2), t[::SAMPLES])

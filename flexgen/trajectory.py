@@ -75,14 +75,18 @@ class Trajectory(Result):
                 )
             shape = np.shape(self.channels[name])
             if shape != (n, *port.shape):
-                raise ArgumentError(f"trajectory channel {name}: given shape {shape}, expected {(n, *port.shape)}")
+                raise ArgumentError(
+                    f"trajectory channel {name}: given shape {shape}, expected {(n, *port.shape)}"
+                )
         units = {}
         for name, port in self.ports.items():
             given = tuple(self.units.get(name, ()))
             fits = given and trajectory_files.common_unit(given) == port.unit
             units[name] = given if fits else (port.unit,) * port.size
             if len(units[name]) != port.size:
-                raise ArgumentError(f"trajectory channel {name}: given {len(given)} units, expected {port.size}")
+                raise ArgumentError(
+                    f"trajectory channel {name}: given {len(given)} units, expected {port.size}"
+                )
         object.__setattr__(self, "units", units)
 
     def __repr__(self) -> str:
@@ -104,12 +108,18 @@ class Trajectory(Result):
         try:
             return self.channels[name]
         except (KeyError, TypeError):
-            near = difflib.get_close_matches(name, self.channels, 1) if isinstance(name, str) else []
+            near = (
+                difflib.get_close_matches(name, self.channels, 1) if isinstance(name, str) else []
+            )
             meant = (
-                f"{near[0]} (there are: {', '.join(self.channels)})" if near else f"one of {', '.join(self.channels)}"
+                f"{near[0]} (there are: {', '.join(self.channels)})"
+                if near
+                else f"one of {', '.join(self.channels)}"
             )
             time = "; the time is the attribute .time" if name in ("t", "time") else ""
-            raise ChannelError(f"trajectory channel: given {name!r}, expected {meant}{time}") from None
+            raise ChannelError(
+                f"trajectory channel: given {name!r}, expected {meant}{time}"
+            ) from None
 
     def columns(self) -> list[str]:
         """Names of all scalars in the order of the channels: ``name[label] unit``."""
@@ -158,9 +168,13 @@ class Trajectory(Result):
         try:
             import pandas
         except ImportError:
-            raise ArgumentError("to_dataframe: the package pandas is not installed; run: pip install pandas") from None
+            raise ArgumentError(
+                "to_dataframe: the package pandas is not installed; run: pip install pandas"
+            ) from None
         table = np.column_stack([self.channels[name] for name in self.ports])
-        return pandas.DataFrame(table, index=pandas.Index(self.time, name="time s"), columns=self.columns())
+        return pandas.DataFrame(
+            table, index=pandas.Index(self.time, name="time s"), columns=self.columns()
+        )
 
     def to_xarray(self) -> Any:
         """The trajectory as a data set of the package xarray.
@@ -180,12 +194,18 @@ class Trajectory(Result):
         try:
             import xarray
         except ImportError:
-            raise ArgumentError("to_xarray: the package xarray is not installed; run: pip install xarray") from None
+            raise ArgumentError(
+                "to_xarray: the package xarray is not installed; run: pip install xarray"
+            ) from None
         variables, columns = {}, {}
         for name, port in self.ports.items():
             units = self.units[name]
             unit = units[0] if len(set(units)) == 1 else list(units)
-            variables[name] = (("time", f"{name}_column"), self.channels[name], {"units": unit, "long_name": port.doc})
+            variables[name] = (
+                ("time", f"{name}_column"),
+                self.channels[name],
+                {"units": unit, "long_name": port.doc},
+            )
             columns[f"{name}_column"] = list(self.labels[name])
         time = ("time", self.time, {"units": "s"})
         return xarray.Dataset(variables, coords={"time": time, **columns}, attrs=dict(self.meta))
@@ -200,7 +220,9 @@ class Trajectory(Result):
         it cannot be written.
         """
         path = Path(path)
-        trajectory_files.write(path, self.time, self.channels, self.ports, self.labels, self.meta, self.units)
+        trajectory_files.write(
+            path, self.time, self.channels, self.ports, self.labels, self.meta, self.units
+        )
         return path
 
     @staticmethod

@@ -52,7 +52,9 @@ def common_unit(units: Iterable[str]) -> str:
     return " or ".join(dict.fromkeys(units)) or "-"
 
 
-def column_names(labels: Mapping[str, tuple[str, ...]], units: Mapping[str, tuple[str, ...]]) -> list[str]:
+def column_names(
+    labels: Mapping[str, tuple[str, ...]], units: Mapping[str, tuple[str, ...]]
+) -> list[str]:
     """Names of the columns of a table: ``name[label] unit``."""
     return [
         f"{name}[{label}] {unit}"
@@ -80,9 +82,13 @@ def write(
     from flexgen.atomic_files import atomic_file
 
     if path.suffix not in (".npz", ".csv", ".mat"):
-        raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz, .csv or .mat")
+        raise ArgumentError(
+            f"trajectory file: given {path.name!r}, expected a name that ends in .npz, .csv or .mat"
+        )
     if os.path.exists(path) and not path.is_file():
-        raise ArgumentError(f"trajectory file: given {str(path)!r}, expected a new name or a regular file")
+        raise ArgumentError(
+            f"trajectory file: given {str(path)!r}, expected a new name or a regular file"
+        )
     with atomic_file(path) as stream:
         if path.suffix == ".mat":
             _write_mat(stream, time, {k: channels[k] for k in ports}, labels, units, meta)
@@ -129,8 +135,15 @@ def _write_mat(
             out[name][0, :] = words[name]
         return out
 
-    data = {"time": np.asarray(time)[:, None], **channels, "labels": cells(labels), "units": cells(units)}
-    savemat(stream, {**data, "meta": json.dumps(dict(meta))}, do_compression=True, long_field_names=True)
+    data = {
+        "time": np.asarray(time)[:, None],
+        **channels,
+        "labels": cells(labels),
+        "units": cells(units),
+    }
+    savemat(
+        stream, {**data, "meta": json.dumps(dict(meta))}, do_compression=True, long_field_names=True
+    )
 
 
 def read(path: Path) -> Content:
@@ -146,7 +159,9 @@ def read(path: Path) -> Content:
     if not os.path.exists(path):
         raise ArgumentError(f"trajectory: given {str(path)!r}, which does not exist; {_WRITE}")
     if not path.is_file():
-        raise ArgumentError(f"trajectory: given {str(path)!r}, expected a regular file that ends in .npz or .csv")
+        raise ArgumentError(
+            f"trajectory: given {str(path)!r}, expected a regular file that ends in .npz or .csv"
+        )
     if path.stat().st_size > LARGEST:
         raise ArgumentError(
             f"trajectory: given {str(path)!r} of {path.stat().st_size} bytes, expected at most {LARGEST}"
@@ -173,7 +188,7 @@ def read(path: Path) -> Content:
 # --- npz --------------------------------------------------------------------------------------------------------------
 
 
-def _read_npz(path: Path) -> Content:
+def _read_npz(path: Path) -> Content:  # noqa: C901
     from flexgen.npz_files import read_npz
 
     def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
@@ -181,7 +196,9 @@ def _read_npz(path: Path) -> Content:
             if dtype.kind != "U" or shape:
                 raise ArgumentError(f"head: given {dtype} of shape {shape}, expected a text")
         elif dtype.kind not in "fiu":
-            raise ArgumentError(f"channel {name}: given numbers of type {dtype}, expected real numbers")
+            raise ArgumentError(
+                f"channel {name}: given numbers of type {dtype}, expected real numbers"
+            )
         elif name == "time" and len(shape) != 1:
             raise ArgumentError(f"time: given shape {shape}, expected one column")
 
@@ -197,14 +214,20 @@ def _read_npz(path: Path) -> Content:
     for name, (shape, unit, doc) in given.items():
         if name not in arrays:
             raise ArgumentError(f"channel {name}: given no array of this name, expected one")
-        if not (isinstance(unit, str) and isinstance(doc, str) and all(type(n) is int for n in shape)):
-            raise ArgumentError(f"channel {name}: invalid port description, expected [shape, unit, meaning]")
+        if not (
+            isinstance(unit, str) and isinstance(doc, str) and all(type(n) is int for n in shape)
+        ):
+            raise ArgumentError(
+                f"channel {name}: invalid port description, expected [shape, unit, meaning]"
+            )
         ports[name] = Port(name, tuple(shape), unit, doc)
     units = _object("units", head.get("units", {}))
     for what, lists in (("labels", labels), ("units", units)):
         for name, words in lists.items():
             if not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
-                raise ArgumentError(f"channel {name}: given {what} that are not a list of texts, expected one")
+                raise ArgumentError(
+                    f"channel {name}: given {what} that are not a list of texts, expected one"
+                )
     numbers = {name: np.asarray(values, dtype=float) for name, values in arrays.items()}
     channels = {k: numbers[k] for k in ports}
     texts = [{k: tuple(v) for k, v in lists.items()} for lists in (labels, units)]
@@ -223,7 +246,9 @@ def _object(name: str, value: Any) -> dict[str, Any]:
 def _line(stream: TextIO, number: int) -> str:
     line = stream.readline(LINE + 1)
     if len(line) > LINE:
-        raise ArgumentError(f"line {number}: given more than {LINE} characters, expected a row of a trajectory")
+        raise ArgumentError(
+            f"line {number}: given more than {LINE} characters, expected a row of a trajectory"
+        )
     return line
 
 
@@ -232,7 +257,8 @@ def _cells(line: str) -> list[str]:
 
 
 def _read_csv(path: Path) -> Content:
-    with path.open(encoding="utf-8-sig", newline="") as stream:  # a table of a spreadsheet may have the mark
+    # a table of a spreadsheet may have the mark
+    with path.open(encoding="utf-8-sig", newline="") as stream:
         first = _line(stream, 1)
         plain = not first.startswith("#")
         if plain and not first.startswith("time"):
@@ -249,13 +275,17 @@ def _read_csv(path: Path) -> Content:
         while line := _line(stream, number + 1):
             number += 1
             if stated is not None:
-                raise ArgumentError(f"line {number}: given a row after the last line, expected the end of the file")
+                raise ArgumentError(
+                    f"line {number}: given a row after the last line, expected the end of the file"
+                )
             if line.startswith("#"):
                 stated = _parse_row_count(line, number)
                 continue
             row = _cells(line)
             if len(row) != len(header):
-                raise ArgumentError(f"line {number}: given {len(row)} columns, expected {len(header)}")
+                raise ArgumentError(
+                    f"line {number}: given {len(row)} columns, expected {len(header)}"
+                )
             try:
                 if "_" in line:  # only Python reads 1_000 as a number
                     raise ValueError
@@ -263,11 +293,19 @@ def _read_csv(path: Path) -> Content:
             except ValueError:
                 raise ArgumentError(f"line {number}: given text, expected numbers") from None
             if 8 * len(numbers) > LARGEST:
-                raise ArgumentError(f"line {number}: given more than {LARGEST // 8} numbers, expected fewer")
+                raise ArgumentError(
+                    f"line {number}: given more than {LARGEST // 8} numbers, expected fewer"
+                )
             count += 1
     if stated != count and not (plain and stated is None):
-        last = "no last line '# rows: N'" if stated is None else f"{count} rows, where the last line states {stated}"
-        raise ArgumentError(f"given {last}, expected a complete file: it was cut or changed; write or copy it again")
+        last = (
+            "no last line '# rows: N'"
+            if stated is None
+            else f"{count} rows, where the last line states {stated}"
+        )
+        raise ArgumentError(
+            f"given {last}, expected a complete file: it was cut or changed; write or copy it again"
+        )
     table = np.frombuffer(numbers, dtype=float).reshape(count, len(header)).copy()
     return _content(header, table, meta, top)
 
@@ -280,13 +318,17 @@ def _check_time(header: list[str], number: int) -> None:
     if name != "time" or unit != "s":
         factor = _TIMES.get(unit) if name == "time" else None
         advice = f"; multiply the column by {factor} and call it 'time s'" if factor else ""
-        raise ArgumentError(f"line {number}: given the first column {header[0][:60]!r}, expected 'time s'{advice}")
+        raise ArgumentError(
+            f"line {number}: given the first column {header[0][:60]!r}, expected 'time s'{advice}"
+        )
 
 
 def _parse_row_count(line: str, number: int) -> int:
     found = _ROWS.match(line)
     if found is None:
-        raise ArgumentError(f"line {number}: given the comment {line.strip()[:60]!r}, expected '# rows: N'")
+        raise ArgumentError(
+            f"line {number}: given the comment {line.strip()[:60]!r}, expected '# rows: N'"
+        )
     return int(found[1])
 
 
@@ -299,14 +341,20 @@ def _content(header: list[str], table: np.ndarray, meta: dict[str, Any], number:
     for k, column in enumerate(header[1:], 1):
         found = _COLUMN.match(column) if len(column) <= NAME else None
         if found is None:
-            raise ArgumentError(f"line {number}: given the column {column[:60]!r}, expected 'name[label] unit'")
+            raise ArgumentError(
+                f"line {number}: given the column {column[:60]!r}, expected 'name[label] unit'"
+            )
         name, label, unit = found.groups()
         if name in names and name != last:
-            raise ArgumentError(f"channel {name}: given columns that are not adjacent, expected adjacent columns")
+            raise ArgumentError(
+                f"channel {name}: given columns that are not adjacent, expected adjacent columns"
+            )
         names.setdefault(name, []).append(label)
         units.setdefault(name, []).append(unit)
         channels[name] = table[:, k + 1 - len(names[name]) : k + 1]
         last = name
-    ports = {k: Port(k, (len(v),), common_unit(units[k]), "read from csv") for k, v in names.items()}
+    ports = {
+        k: Port(k, (len(v),), common_unit(units[k]), "read from csv") for k, v in names.items()
+    }
     texts = [{k: tuple(v) for k, v in lists.items()} for lists in (names, units)]
     return Content(table[:, 0], channels, ports, texts[0], meta, texts[1])

@@ -17,13 +17,20 @@ from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, NamedTuple, NoReturn, TypeVar, overload
 
 from flexgen.counts import show_value
-from flexgen.errors import ArgumentError, FlexgenError, SolverError, computation_failed, is_numerical
+from flexgen.errors import (
+    ArgumentError,
+    FlexgenError,
+    SolverError,
+    computation_failed,
+    is_numerical,
+)
 from flexgen.registry import find_function
 from flexgen.types_of_values import UNWRITABLE, Check, Names, check_of, is_infinite, is_text
 
 T = TypeVar("T", bound=Callable[..., Any])
 C = TypeVar("C", bound=type)
-_NAMING = ContextVar("_NAMING", default=False)  # the cause of a numerical error is looked for, which may fail likewise
+# the cause of a numerical error is looked for, which may fail likewise
+_NAMING = ContextVar("_NAMING", default=False)
 
 # What a parameter means, where the words of its type say less; the same in all functions.
 WORDS = {
@@ -82,7 +89,9 @@ def checked_methods(cls: C) -> C:
             continue
         kind = type(member) if isinstance(member, classmethod | staticmethod) else None
         function = member if kind is None else member.__func__
-        if inspect.isfunction(function) and _parameters(function) > (0 if kind is staticmethod else 1):
+        if inspect.isfunction(function) and _parameters(function) > (
+            0 if kind is staticmethod else 1
+        ):
             setattr(cls, name, _wrap(function) if kind is None else kind(_wrap(function)))
     return cls
 
@@ -132,15 +141,23 @@ class _Entrance:
             if check is not None and not check.passes(value):
                 self.refuse(name, value, check)
 
-    def collect_stored(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> tuple[tuple[()], dict[str, Any]]:
+    def collect_stored(
+        self, args: tuple[Any, ...], kwargs: dict[str, Any]
+    ) -> tuple[tuple[()], dict[str, Any]]:
         """The arguments of a data class as it stored them: its `__post_init__` may have made a tuple of an array."""
         given = dict(zip(self.plan().names[1:], args[1:], strict=False)) | kwargs
         return (), {name: getattr(args[0], name, value) for name, value in given.items()}
 
     def refuse(self, name: str, value: Any, check: Check) -> NoReturn:
         """State what was given and what was expected."""
-        words = UNWRITABLE if isinstance(value, str) and not is_text(value) else WORDS.get(name, check.words)
-        raise ArgumentError(f"{self.head}{name}: given {show_value(value)}, expected {words}") from None
+        words = (
+            UNWRITABLE
+            if isinstance(value, str) and not is_text(value)
+            else WORDS.get(name, check.words)
+        )
+        raise ArgumentError(
+            f"{self.head}{name}: given {show_value(value)}, expected {words}"
+        ) from None
 
 
 def _naming_numbers(function: Any) -> Any:
@@ -163,12 +180,20 @@ def _naming_numbers(function: Any) -> Any:
     return call
 
 
-def _wrap(function: Any, *, cls: type | None = None, result: bool = False, own: tuple[str, ...] = ()) -> Any:
+def _wrap(
+    function: Any, *, cls: type | None = None, result: bool = False, own: tuple[str, ...] = ()
+) -> Any:
     head = "" if cls is None else f"{cls.__name__}, "
-    if inspect.isfunction(function) and inspect.unwrap(function).__code__.co_varnames[:1] == ("model",):
+    if inspect.isfunction(function) and inspect.unwrap(function).__code__.co_varnames[:1] == (
+        "model",
+    ):
         function = _naming_numbers(function)
     entrance = _Entrance(function, head, cls, result, own)
-    check, check_all, stored = entrance.check, replace(entrance, own=()).check, entrance.collect_stored
+    check, check_all, stored = (
+        entrance.check,
+        replace(entrance, own=()).check,
+        entrance.collect_stored,
+    )
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -209,7 +234,9 @@ def _parameters(function: Any) -> int:
     return int(code.co_argcount + code.co_kwonlyargcount + free)
 
 
-def _plan(function: Callable[..., Any], cls: type | None, result: bool, own: tuple[str, ...]) -> _Plan:
+def _plan(
+    function: Callable[..., Any], cls: type | None, result: bool, own: tuple[str, ...]
+) -> _Plan:
     inner = inspect.unwrap(function)
     positional: list[Check | None] = []
     by_name: dict[str, Check] = {}

@@ -53,7 +53,7 @@ def is_infinite(value: Any) -> bool:
     return isinstance(value, float) and math.isinf(value)
 
 
-def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -> Check | None:
+def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -> Check | None:  # noqa: C901
     """The check of an annotation; None where every value passes.
 
     Parameters
@@ -103,7 +103,10 @@ def _scalar(kind: type, infinite: bool, result: bool) -> Check:
     if kind is float and result:
         return Check(_is_real, "a number")
     if kind is float and infinite:
-        return Check(lambda value: is_number(value) or (_is_real(value) and abs(value) == math.inf), "a number")
+        return Check(
+            lambda value: is_number(value) or (_is_real(value) and abs(value) == math.inf),
+            "a number",
+        )
     if kind is float:
         return Check(is_number, "a finite number")
     if kind is int:
@@ -142,13 +145,22 @@ def _of_class(kind: Any, result: bool) -> Check | None:
     if getattr(kind, "_is_protocol", False):
         return None
     if issubclass(kind, os.PathLike):
-        return Check(lambda value: isinstance(value, os.PathLike) and is_text(os.fspath(value)), "a path")
+        return Check(
+            lambda value: isinstance(value, os.PathLike) and is_text(os.fspath(value)), "a path"
+        )
     if kind.__name__ == "ndarray":
-        return Check(_is_any_array, "an array") if result else Check(_is_array, "an array of numbers without nan")
+        return (
+            Check(_is_any_array, "an array")
+            if result
+            else Check(_is_array, "an array of numbers without nan")
+        )
     if kind in (tuple, list) or kind is Sequence:
         return _sequence(None)
     own = kind.__module__.startswith("flexgen") or isinstance(kind, LateClass)
-    return Check(lambda value: isinstance(value, kind), f"a flexgen.{kind.__name__}" if own else f"a {kind.__name__}")
+    return Check(
+        lambda value: isinstance(value, kind),
+        f"a flexgen.{kind.__name__}" if own else f"a {kind.__name__}",
+    )
 
 
 def _union(parts: Sequence[Check | None]) -> Check | None:
@@ -182,7 +194,9 @@ def items_of(value: Any) -> Sequence[Any] | None:
     """The entries of a list, a tuple, an array or a view of a mapping; None for something else."""
     if isinstance(value, list | tuple):
         return value
-    if isinstance(value, str | bytes | bytearray | memoryview | Mapping) or not hasattr(value, "__len__"):
+    if isinstance(value, str | bytes | bytearray | memoryview | Mapping) or not hasattr(
+        value, "__len__"
+    ):
         return None
     if (isinstance(value, Set) and not isinstance(value, KeysView)) or isinstance(value, type):
         return None
@@ -198,7 +212,9 @@ def _sequence(entry: Check | None, iterators: bool = False) -> Check:
         items = items_of(value)
         if items is None:
             return (
-                iterators and isinstance(value, Iterable) and not isinstance(value, str | bytes | bytearray | Mapping)
+                iterators
+                and isinstance(value, Iterable)
+                and not isinstance(value, str | bytes | bytearray | Mapping)
             )
         return entry is None or all(map(entry.passes, items))
 
@@ -213,7 +229,9 @@ def _tuple(entries: Sequence[Check | None]) -> Check:
         items = items_of(value)
         if items is None or len(items) != len(entries):
             return False
-        return all(entry is None or entry.passes(item) for entry, item in zip(entries, items, strict=True))
+        return all(
+            entry is None or entry.passes(item) for entry, item in zip(entries, items, strict=True)
+        )
 
     words = ", ".join("anything" if entry is None else entry.words for entry in entries)
     return Check(passes, f"a sequence of {len(entries)}: {words}")
@@ -222,8 +240,11 @@ def _tuple(entries: Sequence[Check | None]) -> Check:
 def _mapping(key: Check | None, entry: Check | None) -> Check:
     def passes(value: Any) -> bool:
         return isinstance(value, Mapping) and all(
-            (key is None or key.passes(name)) and (entry is None or entry.passes(item)) for name, item in value.items()
+            (key is None or key.passes(name)) and (entry is None or entry.passes(item))
+            for name, item in value.items()
         )
 
     words = ["anything" if check is None else check.words for check in (key, entry)]
-    return Check(passes, "a mapping" if key is entry is None else f"a mapping of {words[0]} to {words[1]}")
+    return Check(
+        passes, "a mapping" if key is entry is None else f"a mapping of {words[0]} to {words[1]}"
+    )

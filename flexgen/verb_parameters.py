@@ -35,7 +35,11 @@ FILES = [
 def defaults_of(function: str) -> dict[str, Any]:
     """Parameters of a public function that have a default which is a number, a text or None, with that default."""
     module = _public()[function]
-    return {arg.arg: _value(module, value) for arg, value in _parameters(_node(function)) if value is not None}
+    return {
+        arg.arg: _value(module, value)
+        for arg, value in _parameters(_node(function))
+        if value is not None
+    }
 
 
 def command_of(function: str) -> Verb:
@@ -53,13 +57,17 @@ def command_of(function: str) -> Verb:
     docstring, defaults = ast.get_docstring(node) or "", defaults_of(function)
     names = [arg.arg for arg, _ in _parameters(node)]
     model = "none" if names[:1] != ["model"] else "optional" if "model" in defaults else "required"
-    verb = Verb(function.replace("_", "-"), "", function, model, summary=docstring.partition("\n")[0])
+    verb = Verb(
+        function.replace("_", "-"), "", function, model, summary=docstring.partition("\n")[0]
+    )
     for arg, value in _parameters(node):
         option = _option(arg, defaults.get(arg.arg), docstring, required=value is None)
         if arg.arg not in LEFT_OUT and option is not None:
             verb.sections.setdefault("arguments" if option.place else "settings", []).append(option)
         elif arg.arg not in LEFT_OUT and value is None:
-            raise ValueError(f"{function}: parameter {arg.arg} cannot be given as a text, expected a row in verbs.py")
+            raise ValueError(
+                f"{function}: parameter {arg.arg} cannot be given as a text, expected a row in verbs.py"
+            )
     if ast.unparse(node.returns or ast.Constant(None)) in _public() and "out" not in names:
         verb.sections["files"] = FILES
     return verb
@@ -67,15 +75,23 @@ def command_of(function: str) -> Verb:
 
 def _option(arg: ast.arg, default: Any, docstring: str, required: bool) -> Option | None:
     """The option of a parameter; None where a text cannot be its value."""
-    parts = ast.unparse(arg.annotation or ast.Constant(None)).replace("FilePath", "Path").split(" | ")
+    parts = (
+        ast.unparse(arg.annotation or ast.Constant(None)).replace("FilePath", "Path").split(" | ")
+    )
     kind = " | ".join(part for part in parts if part != "None")
-    found = re.search(rf"^{arg.arg} : (?P<type>.*)\n(?P<text>(?:    .*\n?)*)", docstring, re.MULTILINE)
+    found = re.search(
+        rf"^{arg.arg} : (?P<type>.*)\n(?P<text>(?:    .*\n?)*)", docstring, re.MULTILINE
+    )
     text = "" if found is None else " ".join(found["text"].replace("`", "").split()).rstrip(".")
     unit = re.search(r"\[.*\]", found["type"]) if found is not None else None
     text = f"{text[:1].lower()}{text[1:]}{f' {unit.group()}' if unit else ''}"
-    text += "; default: {default}" if isinstance(default, int | float | str) and kind != "bool" else ""
+    text += (
+        "; default: {default}" if isinstance(default, int | float | str) and kind != "bool" else ""
+    )
     if kind.startswith("Literal["):
-        return Option(arg.arg, text, "NAME", choices="/".join(ast.literal_eval(kind.removeprefix("Literal"))))
+        return Option(
+            arg.arg, text, "NAME", choices="/".join(ast.literal_eval(kind.removeprefix("Literal")))
+        )
     if kind not in KINDS:
         return None
     off = "no_" * (default is True)
@@ -96,7 +112,10 @@ def _parameters(node: ast.FunctionDef) -> list[tuple[ast.arg, ast.expr | None]]:
     """Parameters and their defaults."""
     places = [*node.args.posonlyargs, *node.args.args]
     values = [None] * (len(places) - len(node.args.defaults)) + node.args.defaults
-    return [*zip(places, values, strict=True), *zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True)]
+    return [
+        *zip(places, values, strict=True),
+        *zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True),
+    ]
 
 
 @cache
@@ -106,7 +125,7 @@ def _tree(module: str) -> ast.Module:
     return ast.parse((file if file.is_file() else base / "__init__.py").read_text(encoding="utf-8"))
 
 
-def _value(module: str, node: ast.expr) -> Any:
+def _value(module: str, node: ast.expr) -> Any:  # noqa: C901
     """The value of a literal, or of a constant of a module; None where it is neither."""
     if not isinstance(node, ast.Name):
         try:

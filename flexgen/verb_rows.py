@@ -16,7 +16,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-PATHS = ("FILE", "DIR", "PATH", "GRID", "TRAJECTORY", "PLAN", "EXPERIMENT", "DATA")  # placeholders of paths
+# placeholders of paths
+PATHS = ("FILE", "DIR", "PATH", "GRID", "TRAJECTORY", "PLAN", "EXPERIMENT", "DATA")
 SWITCHES = ("several", "once", "required")
 
 
@@ -140,7 +141,9 @@ def _option(line: str) -> Option:
         elif not equals and word.replace("_", "").isalnum() and word.islower():
             found["kind"] = word.replace("_", " ") if word.startswith("whole") else word
         else:
-            raise ValueError(f"row of an option: given the word {word!r} in {line.strip()!r}, which means nothing")
+            raise ValueError(
+                f"row of an option: given the word {word!r} in {line.strip()!r}, which means nothing"
+            )
     if name.startswith("<"):
         name, found["place"] = name.strip("<>"), True
     return Option(name, help_text, old=tuple(old), **found)  # type: ignore[arg-type]

@@ -36,7 +36,9 @@ def choices_of(option: Option) -> tuple[str, ...]:
 
 def help_of(option: Option, default: Any) -> str:
     """The help of an option with the default of the public function, the lists and the phrases in it."""
-    text = option.help.replace("{default}", f"{default:g}" if isinstance(default, float) else str(default))
+    text = option.help.replace(
+        "{default}", f"{default:g}" if isinstance(default, float) else str(default)
+    )
     for name, phrase in PHRASES.items():
         text = text.replace(f"{{{name}}}", phrase)
     for name, words in LISTS.items():

@@ -46,7 +46,9 @@ equations.KEPT = 8
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave files that have only slow tests alone where no slow test is asked for."""
-    if "not slow" not in config.getoption("markexpr") or not collection_path.is_relative_to(ROOT / "tests"):
+    if "not slow" not in config.getoption("markexpr") or not collection_path.is_relative_to(
+        ROOT / "tests"
+    ):
         return None
     path = collection_path.relative_to(ROOT / "tests").as_posix()
     return True if path in SLOW or f"{path}/" in SLOW else None
@@ -63,10 +65,18 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     if count == 1 or sys.dont_write_bytecode:
         return
-    for path in sorted((ROOT / "tests").glob("*/test_*.py"))[int(worker.removeprefix("gw")) :: count]:
-        if pytest_ignore_collect(path, session.config) or any((path.parent / "__pycache__").glob(f"{path.stem}.*")):
+    for path in sorted((ROOT / "tests").glob("*/test_*.py"))[
+        int(worker.removeprefix("gw")) :: count
+    ]:
+        if pytest_ignore_collect(path, session.config) or any(
+            (path.parent / "__pycache__").glob(f"{path.stem}.*")
+        ):
             continue
-        spec = next(filter(None, (finder.find_spec(path.stem, [str(path.parent)]) for finder in sys.meta_path)))
+        spec = next(
+            filter(
+                None, (finder.find_spec(path.stem, [str(path.parent)]) for finder in sys.meta_path)
+            )
+        )
         module = importlib.util.module_from_spec(spec)
         module.__dict__["__builtins__"] = {}
         with contextlib.suppress(Exception):  # errors of a file are reported when it is collected
@@ -79,7 +89,11 @@ def pytest_configure() -> None:
     def forgetting(method: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(method)
         def call(self: pytest.MonkeyPatch, *args: Any, **kwargs: Any) -> Any:
-            undone = [*self._setattr, *(item[0] for item in self._setitem)] if method.__name__ == "undo" else ()
+            undone = (
+                [*self._setattr, *(item[0] for item in self._setitem)]
+                if method.__name__ == "undo"
+                else ()
+            )
             if any(thing is not os.environ for thing in (*args[:1], *undone)):
                 equations._KEPT.clear()
             return method(self, *args, **kwargs)
@@ -94,7 +108,9 @@ def plants_errors(test: Callable[..., Any]) -> bool:
     """Whether a test does more with its monkeypatch than choosing a folder or the environment."""
     steps = list(dis.get_instructions(inspect.unwrap(test)))
     return any(
-        step.opname.startswith("LOAD") and "monkeypatch" in str(step.argval) and after.argval not in HARMLESS
+        step.opname.startswith("LOAD")
+        and "monkeypatch" in str(step.argval)
+        and after.argval not in HARMLESS
         for step, after in pairwise(steps)
     )
 
@@ -126,7 +142,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     before = folder.name == "unoptimized"
     path, case = item.path.relative_to(ROOT / "tests").as_posix(), getattr(item, "callspec", None)
     quick = all(item.get_closest_marker(mark) is None for mark in ("slow", "full", "robots"))
-    if unoptimized(path, getattr(item, "originalname", ""), "" if case is None else case.id, quick) == before:
+    if (
+        unoptimized(path, getattr(item, "originalname", ""), "" if case is None else case.id, quick)
+        == before
+    ):
         return
     if before:
         del os.environ["CC"]

@@ -40,7 +40,9 @@ def row_of(what: str, number: int, on_cpu: Callable[[], Any], on_card: Callable[
     seconds, expected = shortest(on_cpu)
     card_seconds, found = shortest(on_card)
     same = "yes" if np.array_equal(found.numpy(), expected, equal_nan=True) else "**no**"
-    return f"| {what} | {number} | {number / seconds:.3g} | {number / card_seconds:.3g} | {same} |\n"
+    return (
+        f"| {what} | {number} | {number / seconds:.3g} | {number / card_seconds:.3g} | {same} |\n"
+    )
 
 
 def measure(folder: Path) -> str:
@@ -49,10 +51,15 @@ def measure(folder: Path) -> str:
     robot: Any = flexgen.load(library.directory, device="cuda")
     rows, random = "", np.random.default_rng(0)
     for name in FUNCTIONS:
-        given = [np.asfortranarray(random.normal(size=(POINTS, *x.shape))) for x in library.functions[name].inputs]
+        given = [
+            np.asfortranarray(random.normal(size=(POINTS, *x.shape)))
+            for x in library.functions[name].inputs
+        ]
         arrays = [robot.array(x) for x in given]
         cpu, card = library.functions[name], robot.functions[name]
-        rows += row_of(f"`{name}`", POINTS, lambda f=cpu, x=given: f(*x), lambda f=card, x=arrays: f(*x))
+        rows += row_of(
+            f"`{name}`", POINTS, lambda f=cpu, x=given: f(*x), lambda f=card, x=arrays: f(*x)
+        )
     p = problems_of(ROBOT, folder, PROBLEMS)
     many: Any = flexgen.load(p.library.directory, device="cuda")
     options = flexgen.InversionOptions(n_pre=BEFORE, n_post=AFTER, samples_per_interval=EACH)

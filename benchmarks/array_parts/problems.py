@@ -38,12 +38,16 @@ def problems_of(robot: str, folder: Path, most: int = 20_000) -> Problems:
     """The library of a model with stiffness and payload as run-time parameters, and its line."""
     equations = flexgen.derive(robot)
     names = [name for name in INVERSION if name != "inversion_jacobians" or equations.model.n_e]
-    made = flexgen.generate(robot, folder / robot, parameters=["stiffness", "payload"], functions=names)
+    made = flexgen.generate(
+        robot, folder / robot, parameters=["stiffness", "payload"], functions=names
+    )
     path = flexgen.plan(equations, "line")
     period = path.duration / (SAMPLES - 1)
     y, dy, ddy = samples(Reduction(equations), path, period, SAMPLES)
     library = flexgen.load(made.directory)
-    drawn = np.random.default_rng(0).uniform(1 - SPREAD, 1 + SPREAD, (most, library.parameters.size))
+    drawn = np.random.default_rng(0).uniform(
+        1 - SPREAD, 1 + SPREAD, (most, library.parameters.size)
+    )
     given = {"y": y, "dy": dy, "ddy": ddy, "period": period, "q_start": path.q_start}
     return Problems(robot, library, given, library.parameters * drawn)
 
@@ -51,14 +55,21 @@ def problems_of(robot: str, folder: Path, most: int = 20_000) -> Problems:
 def call_one_by_one(p: Problems) -> np.ndarray:
     """The largest motor torques of all problems by single calls."""
     counts = {"n_pre": BEFORE, "n_post": AFTER, "samples_per_interval": EACH}
-    found = [p.library.invert(**p.path, **counts, parameters=values).tau_m for values in p.parameters]
+    found = [
+        p.library.invert(**p.path, **counts, parameters=values).tau_m for values in p.parameters
+    ]
     return np.array([np.abs(tau_m).max() for tau_m in found])
 
 
 def call_many(p: Problems, workers: int | None = None) -> np.ndarray:
     """The same by one call."""
     options = flexgen.InversionOptions(
-        n_pre=BEFORE, n_post=AFTER, samples_per_interval=EACH, workers=workers, reduce=largest, progress=False
+        n_pre=BEFORE,
+        n_post=AFTER,
+        samples_per_interval=EACH,
+        workers=workers,
+        reduce=largest,
+        progress=False,
     )
     found = p.library.invert_many(**p.path, parameters=p.parameters, options=options)
     assert found.reduced is not None
@@ -78,7 +89,9 @@ def shortest(ways: list[Callable[[], np.ndarray]]) -> np.ndarray:
         for i, way in enumerate(ways):
             began = np.array([time.perf_counter(), time.process_time()])
             results.append(way())
-            best[i] = np.minimum(best[i], np.array([time.perf_counter(), time.process_time()]) - began)
+            best[i] = np.minimum(
+                best[i], np.array([time.perf_counter(), time.process_time()]) - began
+            )
         if not all(np.array_equal(x, results[0], equal_nan=True) for x in results):
             raise RuntimeError("the ways differ in their bits")
     return best

@@ -53,8 +53,16 @@ class Row:
 
     def cells(self) -> list[str]:
         """Of the table."""
-        speeds = (f"{x:.3g}" if x < 1000 else f"{x:.0f}" for x in (self.single, self.one, self.many))
-        return [f"`{self.robot}`", self.device, *speeds, f"{self.share:.2f}", f"{self.processor:.2f}"]
+        speeds = (
+            f"{x:.3g}" if x < 1000 else f"{x:.0f}" for x in (self.single, self.one, self.many)
+        )
+        return [
+            f"`{self.robot}`",
+            self.device,
+            *speeds,
+            f"{self.share:.2f}",
+            f"{self.processor:.2f}",
+        ]
 
 
 def cpu_row(p: Problems) -> Row:
@@ -63,10 +71,20 @@ def cpu_row(p: Problems) -> Row:
     call_one_by_one(few)
     count = int(np.clip(10 * SECONDS / (time.perf_counter() - began), 16, len(p.parameters)))
     part, threads = p.first(count), count_cores()
-    best = shortest([lambda: call_one_by_one(part), lambda: call_many(part, 1), lambda: call_many(part)])
+    best = shortest(
+        [lambda: call_one_by_one(part), lambda: call_many(part, 1), lambda: call_many(part)]
+    )
     single, one, many = (float(x) for x in count / best[:, 0])
     device = f"CPU, {threads} threads"
-    return Row(p.robot, device, single, one, many, many / (threads * single), float(best[0, 1] / best[2, 1]))
+    return Row(
+        p.robot,
+        device,
+        single,
+        one,
+        many,
+        many / (threads * single),
+        float(best[0, 1] / best[2, 1]),
+    )
 
 
 def table(rows: list[Row]) -> str:
@@ -92,5 +110,6 @@ def measure(models: Sequence[str]) -> str:
     with tempfile.TemporaryDirectory() as folder:
         for robot in models:
             print(robot)
-            rows.append(cpu_row(problems_of(robot, Path(folder))))  # rows of other devices follow here
+            # rows of other devices follow here
+            rows.append(cpu_row(problems_of(robot, Path(folder))))
     return table(rows)

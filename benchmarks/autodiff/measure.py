@@ -43,7 +43,9 @@ def calls_of(robot: flexgen.Library) -> dict[str, tuple[Callable[[], object], in
     gradient = jax.jit(jax.grad(lambda *x: made.inverse_dynamics(*x).sum(), argnums=(0, 1, 2)))
 
     def loop(q: jax.Array, v: jax.Array, a: jax.Array) -> jax.Array:
-        return jax.lax.scan(lambda q, _: (q + 1e-9 * made.inverse_dynamics(q, v, a), None), q, length=STEPS)[0]
+        return jax.lax.scan(
+            lambda q, _: (q + 1e-9 * made.inverse_dynamics(q, v, a), None), q, length=STEPS
+        )[0]
 
     scan = jax.jit(loop)
     return {
@@ -52,13 +54,22 @@ def calls_of(robot: flexgen.Library) -> dict[str, tuple[Callable[[], object], in
         "one point: JAX, in a compiled loop": (lambda: scan(*x).block_until_ready(), STEPS),
         "one point: JAX, gradient, jitted": (lambda: jax.block_until_ready(gradient(*x)), 1),
         "one point: PyTorch": (lambda: torched.inverse_dynamics(*y), 1),
-        "one point: PyTorch, forward and backward": (lambda: torched.inverse_dynamics(*point).sum().backward(), 1),
+        "one point: PyTorch, forward and backward": (
+            lambda: torched.inverse_dynamics(*point).sum().backward(),
+            1,
+        ),
         "batch: numpy, order of C": (lambda: robot.inverse_dynamics(*many), BATCH),
-        "batch: numpy, structure of arrays, out=": (lambda: robot.inverse_dynamics(*columns, out=out), BATCH),
+        "batch: numpy, structure of arrays, out=": (
+            lambda: robot.inverse_dynamics(*columns, out=out),
+            BATCH,
+        ),
         "batch: JAX, jitted": (lambda: jitted(*X).block_until_ready(), BATCH),
         "batch: JAX, gradient, jitted": (lambda: jax.block_until_ready(gradient(*X)), BATCH),
         "batch: PyTorch": (lambda: torched.inverse_dynamics(*Y), BATCH),
-        "batch: PyTorch, forward and backward": (lambda: torched.inverse_dynamics(*leaves).sum().backward(), BATCH),
+        "batch: PyTorch, forward and backward": (
+            lambda: torched.inverse_dynamics(*leaves).sum().backward(),
+            BATCH,
+        ),
     }
 
 
@@ -84,10 +95,17 @@ def main() -> None:
     columns = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in ROBOTS:
-            made = flexgen.generate(name, Path(folder, name), functions=NAMES, parts=["derivatives"])
+            made = flexgen.generate(
+                name, Path(folder, name), functions=NAMES, parts=["derivatives"]
+            )
             columns[name] = measured(calls_of(flexgen.load(made.directory)), rounds)
-    rows = [f"| {row} | {' | '.join(f'{columns[name][row]:.3g}' for name in ROBOTS)} |" for row in columns[ROBOTS[0]]]
-    table = "\n".join([f"| us a point | {' | '.join(ROBOTS)} |", "|---|" + "---|" * len(ROBOTS), *rows])
+    rows = [
+        f"| {row} | {' | '.join(f'{columns[name][row]:.3g}' for name in ROBOTS)} |"
+        for row in columns[ROBOTS[0]]
+    ]
+    table = "\n".join(
+        [f"| us a point | {' | '.join(ROBOTS)} |", "|---|" + "---|" * len(ROBOTS), *rows]
+    )
     text = (
         "# A library in JAX and PyTorch\n\n"
         "Time of `inverse_dynamics` [us a point], written by `benchmarks/autodiff/measure.py`: "

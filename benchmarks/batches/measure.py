@@ -88,15 +88,25 @@ def body(name: str, function: dict[str, Any]) -> str:
     inputs, outputs = sizes(function["inputs"]), sizes(function["outputs"])
     arrays = [*inputs, *outputs]
     arguments = (
-        ", ".join(f"const double *{x}" for x, _ in inputs) + ", " + ", ".join(f"double *{x}" for x, _ in outputs)
+        ", ".join(f"const double *{x}" for x, _ in inputs)
+        + ", "
+        + ", ".join(f"double *{x}" for x, _ in outputs)
     )
     names = ", ".join(x for x, _ in arrays)
     points = " ".join(f"double one_{x}[{size}];" for x, size in arrays)
-    gather = " ".join(f"for (int i = 0; i < {s}; ++i) {{ one_{x}[i] = {x}[(size_t)i * n + k]; }}" for x, s in inputs)
-    scatter = " ".join(f"for (int i = 0; i < {s}; ++i) {{ {x}[(size_t)i * n + k] = one_{x}[i]; }}" for x, s in outputs)
+    gather = " ".join(
+        f"for (int i = 0; i < {s}; ++i) {{ one_{x}[i] = {x}[(size_t)i * n + k]; }}"
+        for x, s in inputs
+    )
+    scatter = " ".join(
+        f"for (int i = 0; i < {s}; ++i) {{ {x}[(size_t)i * n + k] = one_{x}[i]; }}"
+        for x, s in outputs
+    )
     given = ", ".join(f"one_{x}" for x, _ in arrays) + (", one" if function["work"] else "")
     tiles = ", ".join(f"tile_{x}[TILE * {size}]" for x, size in arrays)
-    given_tile = ", ".join(f"tile_{x} + k * {size}" for x, size in arrays) + (", one" if function["work"] else "")
+    given_tile = ", ".join(f"tile_{x} + k * {size}" for x, size in arrays) + (
+        ", one" if function["work"] else ""
+    )
     rows = "for (int i = 0; i < {s}; ++i) {{ for (int k = 0; k < count; ++k) {{ {copy} }} }}"
     there, here = "{x}[(size_t)i * n + first + k]", "tile_{x}[k * {s} + i]"
     gather_tile, scatter_tile = (
@@ -104,10 +114,17 @@ def body(name: str, function: dict[str, Any]) -> str:
         for ports, to, of in ((inputs, here, there), (outputs, there, here))
     )
     made = " ".join(f"double *{x} = random_numbers({s} * (size_t)n);" for x, s in inputs)
-    made += " ".join(f"double *{x} = memory({s} * (size_t)n), *{x}_loop = memory({s} * (size_t)n);" for x, s in outputs)
+    made += " ".join(
+        f"double *{x} = memory({s} * (size_t)n), *{x}_loop = memory({s} * (size_t)n);"
+        for x, s in outputs
+    )
     loop_names = ", ".join([*(x for x, _ in inputs), *(f"{x}_loop" for x, _ in outputs)])
-    same = " && ".join(f"memcmp({x}, {x}_loop, {s} * (size_t)n * sizeof(double)) == 0" for x, s in outputs)
-    free = " ".join(f"free({x});" for x, _ in inputs) + " ".join(f"free({x}); free({x}_loop);" for x, _ in outputs)
+    same = " && ".join(
+        f"memcmp({x}, {x}_loop, {s} * (size_t)n * sizeof(double)) == 0" for x, s in outputs
+    )
+    free = " ".join(f"free({x});" for x, _ in inputs) + " ".join(
+        f"free({x}); free({x}_loop);" for x, _ in outputs
+    )
     return f"""
 static __attribute__((noinline)) int loop_{f}(int n, {arguments})
 {{
@@ -167,7 +184,16 @@ def measure(model: str, folder: Path, quick: bool, isa: str) -> list[tuple[str, 
     program = made.directory / "batches"
     library = next(made.directory.glob("*.a"))
     flags = ["-std=c11", "-O2", "-march=native", "-ffp-contract=off", "-fno-tree-vectorize"]
-    command = [CC, *flags, f"-I{made.directory}", str(source), str(library), "-lm", "-o", str(program)]
+    command = [
+        CC,
+        *flags,
+        f"-I{made.directory}",
+        str(source),
+        str(library),
+        "-lm",
+        "-o",
+        str(program),
+    ]
     subprocess.run(command, check=True)
     ran = subprocess.run([str(program)], check=True, capture_output=True, text=True)
     rows = []
@@ -199,7 +225,11 @@ def table(rows: list[tuple[str, str, str, int, float, float]]) -> str:
     for model, isa in dict.fromkeys(row[:2] for row in rows):
         cells = []
         for n in counts:
-            found = [(loop / batch, f) for m, i, f, k, loop, batch in rows if (m, i, k) == (model, isa, n)]
+            found = [
+                (loop / batch, f)
+                for m, i, f, k, loop, batch in rows
+                if (m, i, k) == (model, isa, n)
+            ]
             ratio, function = min(found)
             cells.append(f"{ratio:.2f} ({function})")
         lines.append(f"| `{model}` | {isa} | " + " | ".join(cells) + " |")

@@ -21,7 +21,9 @@ from generated_runs import UPRIGHT, run  # noqa: E402
 
 SLOW = (2, 20, 26, 32)  # sharp friction of light rotors: minutes to simulate, as 8 and 14
 HANGING = [number for number in (*range(37), 39) if number not in (*SLOW, 35)]
-TURNED = [UPRIGHT + number for number in (0, 1, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13, 15, 16, 19, 23, 28)]
+TURNED = [
+    UPRIGHT + number for number in (0, 1, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13, 15, 16, 19, 23, 28)
+]
 MOVES = 3  # of each robot
 TITLES = ("as they are", "gravity turned over, twice the time")
 
@@ -47,7 +49,10 @@ def row(title: str, rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """The page."""
-    groups = [[each for each in rows if (each["robot"] >= UPRIGHT) == upright] for upright in (False, True)]
+    groups = [
+        [each for each in rows if (each["robot"] >= UPRIGHT) == upright]
+        for upright in (False, True)
+    ]
     head = [
         "robots",
         "moves",
@@ -58,9 +63,18 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         "converged in C",
         "growth in C over that of solve",
     ]
-    lines = [head, ["---"] * len(head), *(row(*each) for each in zip(TITLES, groups, strict=True)), row("all", rows)]
+    lines = [
+        head,
+        ["---"] * len(head),
+        *(row(*each) for each in zip(TITLES, groups, strict=True)),
+        row("all", rows),
+    ]
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    missed = [f"{each['robot'] % UPRIGHT}/m{each['move']}" for each in rows if each.get("status") != "solved"]
+    missed = [
+        f"{each['robot'] % UPRIGHT}/m{each['move']}"
+        for each in rows
+        if each.get("status") != "solved"
+    ]
     return f"""{text}
 
 Every error that a solution states is compared: in open loop or with motor feedback, until 0.5 s and until 2 s after the
@@ -72,7 +86,9 @@ friction: their simulation takes more than a minute. Not solved: {", ".join(miss
 
 def main(results: Path) -> None:
     """Solve what the file lacks, and write the page."""
-    rows = [each for number in (*HANGING, *TURNED) for each in run(number, number + 1, results, MOVES)]
+    rows = [
+        each for number in (*HANGING, *TURNED) for each in run(number, number + 1, results, MOVES)
+    ]
     (FOLDER / "claims.md").write_text(table(rows), encoding="utf-8")
     print(table(rows))
 

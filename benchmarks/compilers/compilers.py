@@ -60,7 +60,8 @@ def _environment(compiler: str) -> dict[str, str] | None:
     except ImportError:
         return None
     kept = {key: value for key, value in os.environ.items() if key != "CC"}
-    return kept | {"PATH": "/nonexistent"}  # without a compiler on the PATH the packaged one is used
+    # without a compiler on the PATH the packaged one is used
+    return kept | {"PATH": "/nonexistent"}
 
 
 def builds(model: str, folder: Path) -> list[Build]:
@@ -71,7 +72,9 @@ def builds(model: str, folder: Path) -> list[Build]:
             place = folder / f"{model}_{compiler}_{kind}"
             print(f"{model}: {compiler}, {kind}", flush=True)
             command = [sys.executable, "-c", GENERATE, model, str(place), kind]
-            subprocess.run(command, env=_environment(compiler), check=True, stdout=subprocess.DEVNULL)
+            subprocess.run(
+                command, env=_environment(compiler), check=True, stdout=subprocess.DEVNULL
+            )
             out.append(Build(compiler, kind, flexgen.load(place)))
     return out
 
@@ -84,7 +87,13 @@ def calls(model: str, robot: flexgen.Library) -> dict[str, tuple[Callable[[], ob
     equations = derive(data)
     path = flexgen.plan(equations, "line")
     y, dy, ddy = samples(Reduction(equations), path, 1e-3, 1001)
-    options = {"period": 1e-3, "q_start": path.q_start, "n_pre": 20, "n_post": 50, "samples_per_interval": 10}
+    options = {
+        "period": 1e-3,
+        "q_start": path.q_start,
+        "n_pre": 20,
+        "n_post": 50,
+        "samples_per_interval": 10,
+    }
     return {
         "inverse dynamics": (lambda: robot.inverse_dynamics(*arrays), 1e9 / POINTS, "ns a point"),
         "inversion": (lambda: robot.invert(y, dy, ddy, **options), 1e3, "ms per s of path"),
@@ -103,7 +112,9 @@ def rows(model: str, folder: Path) -> list[str]:
                 start = time.perf_counter()
                 one[what][0]()
                 least[k] = min(least[k], time.perf_counter() - start)
-        values = {(build.compiler, build.kind): factor * x for build, x in zip(found, least, strict=True)}
+        values = {
+            (build.compiler, build.kind): factor * x for build, x in zip(found, least, strict=True)
+        }
         fastest = min(values.values())
         for compiler in dict.fromkeys(build.compiler for build in found):
             default, native = values[compiler, "default"], values[compiler, "native"]
@@ -118,7 +129,9 @@ def rows(model: str, folder: Path) -> list[str]:
 def version(compiler: str) -> str:
     """The first line of what a compiler says about itself."""
     command = [compiler] if compiler != PACKAGED else [sys.executable, "-m", "ziglang", "cc"]
-    text = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True).stdout
+    text = subprocess.run(
+        [*command, "--version"], capture_output=True, text=True, check=True
+    ).stdout
     return text.partition("\n")[0]
 
 
@@ -128,7 +141,10 @@ def processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor() or platform.machine()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+    return next(
+        (line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
+        platform.machine(),
+    )
 
 
 def main() -> None:

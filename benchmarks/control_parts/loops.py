@@ -37,7 +37,9 @@ def loops(names: Iterable[str]) -> str:
         runs = [run_case(case, law, "ppi") for _ in range(9)]
         seconds = min(run.wall_s for run in runs)
         simulated = float(np.ptp(case.reference.time))
-        slow, _ = controller_of(PythonCascade(case.model), case.model, 5e-4, 0.0, case.reference.points(np.array([0])))
+        slow, _ = controller_of(
+            PythonCascade(case.model), case.model, 5e-4, 0.0, case.reference.points(np.array([0]))
+        )
         by_python = [run_case(case, slow, "python") for _ in range(3)]
         assert not by_python[0].runs[0].failure and by_python[0].tool_error_max_m < 1e-4
         python = min(run.wall_s for run in by_python)
@@ -76,10 +78,18 @@ def feedback(names: Iterable[str]) -> str:
         solution = flexgen.solve(plain, progress=False)
         plants, pushes = cases(name)
         laws = [(plain, "P-PI, default", "ppi"), (plain, "P-PI with a notch", "ppi_notch")]
-        laws += [(plain, f"P-PI {p}/{v}/0.5 Hz", flexgen.PPI(p, v, 0.5)) for p, v in ((3, 12), (6, 24), (10, 40))]
+        laws += [
+            (plain, f"P-PI {p}/{v}/0.5 Hz", flexgen.PPI(p, v, 0.5))
+            for p, v in ((3, 12), (6, 24), (10, 40))
+        ]
         laws += [(plain, f"LQG, rho {rho:g}", flexgen.LQG(rho)) for rho in (1000.0, 100.0, 10.0)]
-        laws += [(sensing, f"LQG with accelerometer, rho {rho:g}", flexgen.LQG(rho)) for rho in (1000.0, 100.0)]
-        laws += [(plain, f"LQ, exact state, rho {rho:g}", flexgen.LQ(rho)) for rho in (1.0, 1e-2, 1e-4)]
+        laws += [
+            (sensing, f"LQG with accelerometer, rho {rho:g}", flexgen.LQG(rho))
+            for rho in (1000.0, 100.0)
+        ]
+        laws += [
+            (plain, f"LQ, exact state, rho {rho:g}", flexgen.LQ(rho)) for rho in (1.0, 1e-2, 1e-4)
+        ]
         rows = []
         for model, title, law in laws:
             run = flexgen.control(
@@ -101,14 +111,30 @@ def learning(names: Iterable[str]) -> str:
         for plant in ({"stiffness": 0.8}, {"stiffness": 1.2}, {"stiffness": 0.8, "payload": load}):
             began = time.perf_counter()
             found = flexgen.learn(
-                name, plant=plant, solution=solution, iterations=6, sample_time=1e-3, encoder_noise=1e-4, progress=False
+                name,
+                plant=plant,
+                solution=solution,
+                iterations=6,
+                sample_time=1e-3,
+                encoder_noise=1e-4,
+                progress=False,
             )
             each = (time.perf_counter() - began) / len(found.runs)
             errors = ", ".join(f"{1e3 * e:.4f}" for e in found.errors_m)
             told = ", ".join(f"{key} {value:g}" for key, value in plant.items())
-            rows.append((name, told, f"{found.frequency_hz:.1f}", errors, found.best, f"{each:.2f}"))
+            rows.append(
+                (name, told, f"{found.frequency_hz:.1f}", errors, found.best, f"{each:.2f}")
+            )
     return table(
-        ("model", "robot", "Q, Hz", "largest error of iterations 0, 1, ..., mm", "best", "s an iteration"), rows
+        (
+            "model",
+            "robot",
+            "Q, Hz",
+            "largest error of iterations 0, 1, ..., mm",
+            "best",
+            "s an iteration",
+        ),
+        rows,
     )
 
 
@@ -128,7 +154,14 @@ def programs() -> str:
     found = flexgen.fastest(model, move, limits=Limits(reserve=0.1), progress=False)
     seconds = time.perf_counter() - began
     times = [f"{found.default_s:.3f}", f"{found.duration_s:.3f}", f"{found.rigid_s:.3f}"]
-    row = (model.name, len(found.move.laws), *times, f"{found.excess:.0e}", found.inversions, f"{found.cpu_s:.0f}")
+    row = (
+        model.name,
+        len(found.move.laws),
+        *times,
+        f"{found.excess:.0e}",
+        found.inversions,
+        f"{found.cpu_s:.0f}",
+    )
     head = (
         "model",
         "motions",

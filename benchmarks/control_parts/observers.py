@@ -15,7 +15,13 @@ from flexgen.mechanics.equations import derive
 from flexgen.numerics.evaluate import evaluate
 from flexgen.performance.smoother import acting
 
-ACCELEROMETER = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.05}
+ACCELEROMETER = {
+    "name": "acc",
+    "type": "accelerometer",
+    "element": "tool",
+    "unit": "m/s^2",
+    "noise": 0.05,
+}
 OUTPUTS = ("motors", ("motors", "tool_accelerometer"))
 ROUNDS, CALLS = 400, 20
 TIMER = """
@@ -53,13 +59,23 @@ __attribute__((visibility("default"))) void times(int rounds, int calls, void (*
 """
 
 
-def _times(function: Any, kind: int, memory: np.ndarray, y: np.ndarray, u: np.ndarray, model: Any) -> list[float]:
+def _times(
+    function: Any, kind: int, memory: np.ndarray, y: np.ndarray, u: np.ndarray, model: Any
+) -> list[float]:
     """Least microseconds of a step of an observer, and of one call of the forward dynamics, in turns."""
     library = library_with(model, ["forward_dynamics", "linearize"], native=True)
     address, work = library.forward_dynamics.single_address()
     n_a, n_m = model.n_a, model.n_m
     rest = np.zeros(n_a), np.zeros(n_a), model.eta @ np.array(model.home), np.zeros(n_m)
-    arrays = [y, u, np.zeros(4 * (n_a + n_m)), *rest, np.zeros(n_a), np.zeros(n_m), np.zeros(work.size + 1)]
+    arrays = [
+        y,
+        u,
+        np.zeros(4 * (n_a + n_m)),
+        *rest,
+        np.zeros(n_a),
+        np.zeros(n_m),
+        np.zeros(work.size + 1),
+    ]
     pointers = (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays))
     best = np.zeros(2)
     timer = ctypes.CDLL(str(compile_module("observer_times", TIMER)))
@@ -78,24 +94,46 @@ def observer_times(names: Iterable[str]) -> list[tuple[object, ...]]:
         for outputs in OUTPUTS:
             told = "motors" if outputs == "motors" else "motors, 3 accelerations"
             for disturbances in (False, True):
-                ekf = flexgen.ExtendedKalmanFilter(name, outputs, disturbances=disturbances, native=True)
+                ekf = flexgen.ExtendedKalmanFilter(
+                    name, outputs, disturbances=disturbances, native=True
+                )
                 motion = ekf._at_rest(ekf.model.eta @ np.array(ekf.model.home))
                 y = np.zeros(len(ekf.outputs))
                 y[: ekf.model.n_m] = motion[3][0]
                 if ekf.model.sensors:
-                    y[ekf.model.n_m :] = ekf._library.sensors(motion[0][0], motion[1][0], motion[2][0])
+                    y[ekf.model.n_m :] = ekf._library.sensors(
+                        motion[0][0], motion[1][0], motion[2][0]
+                    )
                 u = np.ascontiguousarray(motion[6][0])
                 step = ekf._module.flexgen_kalman_step
                 best = _times(step, 0, ekf._memory, y, u, ekf.model)
                 assert ekf.status == "done"
                 title = "extended, with disturbances" if disturbances else "extended"
-                rows.append((name, len(ekf.states), told, title, f"{best[0]:.1f}", f"{best[0] / best[1]:.0f}"))
+                rows.append(
+                    (
+                        name,
+                        len(ekf.states),
+                        told,
+                        title,
+                        f"{best[0]:.1f}",
+                        f"{best[0] / best[1]:.0f}",
+                    )
+                )
             observer = flexgen.ConstantGainObserver(solution, outputs, native=True, parts=2)
             y, u = observer._tables["y_ref"][0].copy(), observer._tables["u_ref"][0].copy()
             step = observer._module.flexgen_constant_gain_step
             best = _times(step, 1, observer._memory, y, u, observer.model)
             title = "constant gain, with disturbances"
-            rows.append((name, len(observer.states), told, title, f"{best[0]:.2f}", f"{best[0] / best[1]:.1f}"))
+            rows.append(
+                (
+                    name,
+                    len(observer.states),
+                    told,
+                    title,
+                    f"{best[0]:.2f}",
+                    f"{best[0] / best[1]:.1f}",
+                )
+            )
     return rows
 
 
@@ -113,14 +151,20 @@ def observer_errors(names: Iterable[str]) -> list[tuple[object, ...]]:
         place = derive(model).function("forward_kinematics")
         moving = run.reference.time >= run.reference.begin
 
-        def largest(q: np.ndarray, true: np.ndarray, place: Any = place, moving: np.ndarray = moving) -> str:
+        def largest(
+            q: np.ndarray, true: np.ndarray, place: Any = place, moving: np.ndarray = moving
+        ) -> str:
             found = evaluate(place, np.ascontiguousarray(q))[0] - evaluate(place, true)[0]
             return f"{1e3 * np.linalg.norm(found, axis=1)[moving].max():.3f}"
 
         for robot in run.runs:
             u, row = acting(robot.tau_m, 0, 0.0), [largest(run.reference.motion["q_a"], robot.q_a)]
             for outputs in ("motors", ("motors", "acc")):
-                y = robot.measured if outputs == "motors" else np.hstack([robot.measured, robot.sensors])
+                y = (
+                    robot.measured
+                    if outputs == "motors"
+                    else np.hstack([robot.measured, robot.sensors])
+                )
                 ekf = flexgen.ExtendedKalmanFilter(model, outputs)
                 ekf.reset(robot.measured[0])
                 row.append(largest(ekf.run(y, u).q_a, robot.q_a))

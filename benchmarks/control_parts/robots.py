@@ -35,7 +35,9 @@ def halved_steps(names: Iterable[str]) -> Iterator[Row]:
     """Largest change of an arm coordinate when the steps of a sample are halved, and the order of it."""
     for name in names:
         case = control_case(name, sample_time=SAMPLE_S, plants={"soft": {"stiffness": 0.9}})
-        law, _ = controller_of("ppi", case.model, SAMPLE_S, 0.0, case.reference.points(np.array([0])))
+        law, _ = controller_of(
+            "ppi", case.model, SAMPLE_S, 0.0, case.reference.points(np.array([0]))
+        )
         q = [run_case(case, law, "ppi", steps=steps)["soft"].q_a for steps in (2, 4, 8, 16)]
         changes = [np.abs(a - b).max() for a, b in zip(q[1:], q[:-1], strict=True)]
         order = np.log2(changes[0] / changes[1])
@@ -58,15 +60,26 @@ def learning_settings() -> Iterator[Row]:
             frequency_hz=f, gain=gain, progress=False,
         )  # fmt: skip
         errors = ", ".join(f"{1e3 * e:.4f}" for e in found.errors_m)
-        yield name, ", ".join(f"{k} {v:g}" for k, v in plant.items()), f"{f:g}", gain, errors, found.best
+        yield (
+            name,
+            ", ".join(f"{k} {v:g}" for k, v in plant.items()),
+            f"{f:g}",
+            gain,
+            errors,
+            found.best,
+        )
 
 
 def time_settings(name: str) -> Iterator[Row]:
     """Minimum time with other numbers of coefficients, bounds of the torque rate, and of the vibration."""
     default = flexgen.solve(name, progress=False)
     limits = Limits(torque=tuple(np.abs(default.trajectory["tau_m"]).max(axis=0)))
-    settings: list[tuple[str, dict[str, float]]] = [(f"{n} coefficients", {"coefficients": n}) for n in (4, 10, 16, 24)]
-    settings += [(f"torque rate {x:g} times that of the given law", {"torque_rate": x}) for x in (2.5, 1.5)]
+    settings: list[tuple[str, dict[str, float]]] = [
+        (f"{n} coefficients", {"coefficients": n}) for n in (4, 10, 16, 24)
+    ]
+    settings += [
+        (f"torque rate {x:g} times that of the given law", {"torque_rate": x}) for x in (2.5, 1.5)
+    ]
     free = flexgen.fastest(name, limits=limits, progress=False)
     settings += [("vibration at most a third", {"vibration": free.vibration_m["soft"] / 3})]
     for told, options in settings:
@@ -82,10 +95,15 @@ def collisions() -> Iterator[Row]:
     name, rng = "manutec_r3_18", np.random.default_rng(5)
     model, solution = flexgen.read(name), flexgen.solve(name, progress=False)
 
-    def runs(count: int, seed: int, pushes: dict[str, list[flexgen.Disturbance]]) -> flexgen.ControlRun:
+    def runs(
+        count: int, seed: int, pushes: dict[str, list[flexgen.Disturbance]]
+    ) -> flexgen.ControlRun:
         draw = np.random.default_rng(seed)
         plants = {
-            f"robot {k}": {"stiffness": float(draw.uniform(0.9, 1.1)), "payload": float(draw.uniform(-1, 1))}
+            f"robot {k}": {
+                "stiffness": float(draw.uniform(0.9, 1.1)),
+                "payload": float(draw.uniform(-1, 1)),
+            }
             for k in range(count)
         }
         return flexgen.control(
@@ -99,7 +117,8 @@ def collisions() -> Iterator[Row]:
     axes = rng.choice(["tool.x", "tool.y", "tool.z"], count)
     for force in (50.0, 100.0, 200.0):
         pushes = {
-            f"robot {k}": [flexgen.Disturbance("step", str(axes[k]), force, float(starts[k]))] for k in range(count)
+            f"robot {k}": [flexgen.Disturbance("step", str(axes[k]), force, float(starts[k]))]
+            for k in range(count)
         }
         hit = runs(count, 3, pushes)
         for bandwidth in (5.0, 15.0, 40.0):

@@ -59,7 +59,9 @@ torque, F_s = 1.5 F_c, v_s = 4 rad/s, F_s/s0 = 1 mrad; 20 % too large: F_c and F
 |---|---|---|---|---|---|---|---|"""
 
 
-def hysteretic(name: str, lost_motion: float, parts: Sequence[tuple[float, ...]] = ((1.0, 1.0),)) -> flexgen.RobotModel:
+def hysteretic(
+    name: str, lost_motion: float, parts: Sequence[tuple[float, ...]] = ((1.0, 1.0),)
+) -> flexgen.RobotModel:
     """The model with this lost motion [rad] in all elastic gears, in elements with these parts of it and of K_h.
 
     A part may have an exponent and gamma too.
@@ -69,7 +71,10 @@ def hysteretic(name: str, lost_motion: float, parts: Sequence[tuple[float, ...]]
         for dof in element.dofs:
             if dof.gear is not None and dof.gear.spring is not None:
                 found[f"element.{element.name}.dof.{dof.name}.gear.hysteresis"] = [
-                    {"lost_motion": lost * lost_motion, "stiffness": steep * dof.gear.spring.stiffness}
+                    {
+                        "lost_motion": lost * lost_motion,
+                        "stiffness": steep * dof.gear.spring.stiffness,
+                    }
                     | dict(zip(("exponent", "gamma"), law, strict=False))
                     for lost, steep, *law in parts
                 ]
@@ -111,16 +116,23 @@ def asked(model: flexgen.RobotModel) -> tuple[flexgen.Solution, Any, dict[str, A
 def row_of(name: str, folder: str, models: Sequence[flexgen.RobotModel]) -> str:
     """A row of the table of a robot: without the state, with it, with numbers that are 20 % too large."""
     true = models[1]
-    made = [flexgen.generate(model, f"{folder}/{name}{k}", progress=False) for k, model in enumerate(models)]
+    made = [
+        flexgen.generate(model, f"{folder}/{name}{k}", progress=False)
+        for k, model in enumerate(models)
+    ]
     plain, known, wide = (flexgen.load(each.directory) for each in made)
     solution, samples, options = asked(true)
     path, errors = solution.trajectory, []
     for library in (plain, known, wide):
         found = library.invert(*samples, **options)
         channels = {key: getattr(found, key)[: len(path.time)] for key in ("q_m", "v_m", "tau_m")}
-        moved = flexgen.Trajectory(path.time, {**path.channels, **channels}, path.ports, path.labels, path.meta)
+        moved = flexgen.Trajectory(
+            path.time, {**path.channels, **channels}, path.ports, path.labels, path.meta
+        )
         errors.append(flexgen.simulate(true, moved, feedback="ppi").tool_error_max_m)
-    python = with_memory(flexgen.derive(true), from_library(plain.invert(*samples, **options))).motors.tau_m
+    python = with_memory(
+        flexgen.derive(true), from_library(plain.invert(*samples, **options))
+    ).motors.tau_m
     c = known.invert(*samples, **options).tau_m
     difference = np.abs(c - python)[:-8].max() / np.abs(python).max()
     least = [np.inf, np.inf]
@@ -129,7 +141,12 @@ def row_of(name: str, folder: str, models: Sequence[flexgen.RobotModel]) -> str:
             began = time.perf_counter()
             library.invert(*samples, **options)
             least[k] = min(least[k], time.perf_counter() - began)
-    cells = [name, *(f"{1e6 * x:.3g}" for x in errors), f"{difference:.0e}", *(f"{1e3 * x:.3f}" for x in least)]
+    cells = [
+        name,
+        *(f"{1e6 * x:.3g}" for x in errors),
+        f"{difference:.0e}",
+        *(f"{1e3 * x:.3f}" for x in least),
+    ]
     return f"| {' | '.join(cells)} | {least[1] / least[0]:.2f} |"
 
 
@@ -141,18 +158,26 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name in ROBOTS:
             true = hysteretic(name, ARCMIN)
-            rows.append(row_of(name, folder, [without_hysteresis(true), true, hysteretic(name, 1.2 * ARCMIN)]))
+            rows.append(
+                row_of(
+                    name, folder, [without_hysteresis(true), true, hysteretic(name, 1.2 * ARCMIN)]
+                )
+            )
             print(rows[-1], flush=True)
         for head, parts in ((SEVERAL, THREE), (OTHER, BENT)):
             rows.append(head)
             for name in ROBOTS:
                 true, wide = (hysteretic(name, factor * ARCMIN, parts) for factor in (1.0, 1.2))
-                rows.append(row_of(name, f"{folder}/{len(parts)}", [without_hysteresis(true), true, wide]))
+                rows.append(
+                    row_of(name, f"{folder}/{len(parts)}", [without_hysteresis(true), true, wide])
+                )
                 print(rows[-1], flush=True)
         rows.append(FRICTION)
         for name in ROBOTS:
             true = bristled(name, 1.0)
-            rows.append(row_of(name, f"{folder}/f", [without_lugre(true), true, bristled(name, 1.2)]))
+            rows.append(
+                row_of(name, f"{folder}/f", [without_lugre(true), true, bristled(name, 1.2)])
+            )
             print(rows[-1], flush=True)
     if write:
         FILE.write_text(HEAD + "\n".join(rows) + "\n", encoding="utf-8")

@@ -55,11 +55,18 @@ def milling(t: np.ndarray, duration: float, direction: tuple[float, ...]) -> np.
 
 def with_force(path: Trajectory, values: np.ndarray, like: Trajectory) -> Trajectory:
     """A trajectory under another force."""
-    parts = [{**getattr(path, name), "force": getattr(like, name)["force"]} for name in ("ports", "labels", "units")]
-    return Trajectory(path.time, {**path.channels, "force": values}, parts[0], parts[1], path.meta, parts[2])
+    parts = [
+        {**getattr(path, name), "force": getattr(like, name)["force"]}
+        for name in ("ports", "labels", "units")
+    ]
+    return Trajectory(
+        path.time, {**path.channels, "force": values}, parts[0], parts[1], path.meta, parts[2]
+    )
 
 
-def errors(equations: Equations, force: ProcessForce, paths: list[Trajectory], feedback: str) -> list[float]:
+def errors(
+    equations: Equations, force: ProcessForce, paths: list[Trajectory], feedback: str
+) -> list[float]:
     """Largest tool errors [m] under the force with the torques of each of the paths."""
     cases = [with_force(path, force.at(path.time), paths[-1]) for path in paths]
     found = (flexgen.simulate(equations, case, feedback=feedback) for case in cases)
@@ -78,11 +85,16 @@ def cost(equations: Equations, force: ProcessForce) -> tuple[float, float]:
     with tempfile.TemporaryDirectory() as folder:
         pushed, plain = (
             flexgen.load(
-                flexgen.generate(equations.model, f"{folder}/{len(parts)}", parts=parts, progress=False).directory
+                flexgen.generate(
+                    equations.model, f"{folder}/{len(parts)}", parts=parts, progress=False
+                ).directory
             )
             for parts in (["force"], [])
         )
-        calls = [lambda: pushed.invert(*given, force=F, **options), lambda: pushed.invert(*given, **options)]
+        calls = [
+            lambda: pushed.invert(*given, force=F, **options),
+            lambda: pushed.invert(*given, **options),
+        ]
         calls.append(lambda: plain.invert(*given, **options))
         least, first = [np.inf] * 3, [call() for call in calls]
         assert all(found.converged for found in first)
@@ -92,7 +104,11 @@ def cost(equations: Equations, force: ProcessForce) -> tuple[float, float]:
                 call()
                 least[k] = min(least[k], time.perf_counter() - began)
     print(
-        equations.model.name, "ms:", [round(1e3 * x, 3) for x in least], "iterations:", *(x.iterations for x in first)
+        equations.model.name,
+        "ms:",
+        [round(1e3 * x, 3) for x in least],
+        "iterations:",
+        *(x.iterations for x in first),
     )
     return least[0] / least[1], least[0] / least[2]
 
@@ -106,17 +122,27 @@ def main() -> None:
     for name, direction in ROBOTS.items():
         equations = flexgen.derive(name)
         duration = flexgen.plan(equations, ignore_limits=True).duration
-        force = make_force(lambda t, T=duration, d=direction: milling(t, T, d), equations.model, duration)
+        force = make_force(
+            lambda t, T=duration, d=direction: milling(t, T, d), equations.model, duration
+        )
         options = {"accuracy": 1e-6, "ignore_limits": True, "progress": False}
         paths = [flexgen.solve(equations, **options).trajectory]
         for size in (1.0, 0.8):
             assumed = ProcessForce(PPoly(size * force.curve.c, force.curve.x), duration)
-            paths.append(flexgen.solve(equations, force=lambda t, f=assumed: f.at(t), **options).trajectory)
+            paths.append(
+                flexgen.solve(equations, force=lambda t, f=assumed: f.at(t), **options).trajectory
+            )
         more = cost(equations, force)
         for loop, feedback in (("open", "none"), ("motor feedback", "ppi")):
             alone, known, wrong = errors(equations, force, paths, feedback)
             figures = [f"{1e6 * x:.3g}" for x in (alone, known, wrong)]
-            row = [name, loop, *figures, f"{100 * wrong / alone:.0f} %", *(f"{x:.2f}" for x in more)]
+            row = [
+                name,
+                loop,
+                *figures,
+                f"{100 * wrong / alone:.0f} %",
+                *(f"{x:.2f}" for x in more),
+            ]
             rows.append(f"| {' | '.join(row)} |")
             print(rows[-1])
     if write:

@@ -48,7 +48,9 @@ class Fault:
 def plain(name: str) -> RobotModel:
     """The model with viscous friction only."""
     model = flexgen.read(name)
-    motors = (replace(m, friction=replace(m.friction, coulomb=0.0, stribeck=0.0)) for m in model.motors)
+    motors = (
+        replace(m, friction=replace(m.friction, coulomb=0.0, stribeck=0.0)) for m in model.motors
+    )
     return replace(model, motors=tuple(motors))
 
 
@@ -56,13 +58,17 @@ def another(model: RobotModel, seed: int) -> RobotModel:
     """The robot with other springs and dampers."""
     rng, names = np.random.default_rng(seed), ["stiffness", "damping"]
     limit = np.log1p(SPREAD)
-    values = {p.name: p.value * float(np.exp(rng.uniform(-limit, limit))) for p in select(model, names)}
+    values = {
+        p.name: p.value * float(np.exp(rng.uniform(-limit, limit))) for p in select(model, names)
+    }
     return with_values(model, values)
 
 
 def times(factor: float, *names: str) -> Robot:
     """The robot with some numbers times a factor."""
-    return lambda robot: with_values(robot, {p.name: factor * p.value for p in select(robot, list(names))})
+    return lambda robot: with_values(
+        robot, {p.name: factor * p.value for p in select(robot, list(names))}
+    )
 
 
 def masses(factor: float) -> Robot:
@@ -90,7 +96,9 @@ def gear(joint: str, make: Callable[[float], Any]) -> Robot:
                 return d
             return replace(d, gear=replace(d.gear, spring=make(d.gear.spring.stiffness)))
 
-        return replace(robot, elements=tuple(replace(e, dofs=tuple(map(dof, e.dofs))) for e in robot.elements))
+        return replace(
+            robot, elements=tuple(replace(e, dofs=tuple(map(dof, e.dofs))) for e in robot.elements)
+        )
 
     return change
 
@@ -99,7 +107,10 @@ def coulomb_of_motors(*levels: float) -> Robot:
     """Coulomb friction of the motors [N m], motor side."""
 
     def change(robot: RobotModel) -> RobotModel:
-        laws = [replace(m.friction, coulomb=c, beta=2.0) for m, c in zip(robot.motors, levels, strict=True)]
+        laws = [
+            replace(m.friction, coulomb=c, beta=2.0)
+            for m, c in zip(robot.motors, levels, strict=True)
+        ]
         motors = (replace(m, friction=law) for m, law in zip(robot.motors, laws, strict=True))
         return replace(robot, motors=tuple(motors))
 
@@ -112,7 +123,9 @@ def friction_of_joint(joint: str, coulomb: float, beta: float) -> Robot:
     def change(robot: RobotModel) -> RobotModel:
         law = Friction(coulomb=coulomb, beta=beta)
         elements = (
-            replace(e, dofs=tuple(replace(d, friction=law) if d.name == joint else d for d in e.dofs))
+            replace(
+                e, dofs=tuple(replace(d, friction=law) if d.name == joint else d for d in e.dofs)
+            )
             for e in robot.elements
         )
         return replace(robot, elements=tuple(elements))
@@ -152,7 +165,9 @@ def stretched(factor: float) -> Callable[[Experiment], Experiment]:
 
     def change(x: Experiment) -> Experiment:
         hardware = replace(x.plan.hardware, sample_s=factor * x.plan.hardware.sample_s)
-        return replace(x, plan=replace(x.plan, hardware=hardware, period_s=factor * x.plan.period_s))
+        return replace(
+            x, plan=replace(x.plan, hardware=hardware, period_s=factor * x.plan.period_s)
+        )
 
     return change
 

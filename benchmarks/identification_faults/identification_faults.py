@@ -52,7 +52,9 @@ def experiment(fault: Fault, model: Any, truth: Any) -> Experiment:
     with tempfile.TemporaryDirectory() as folder:
         writer = RecordingWriter(Path(folder), plan, model)
 
-        def keep(k: int, r: int, e: int, q_m: np.ndarray, tau_m: np.ndarray, signals: np.ndarray) -> None:
+        def keep(
+            k: int, r: int, e: int, q_m: np.ndarray, tau_m: np.ndarray, signals: np.ndarray
+        ) -> None:
             writer(k, r, e, *change(q_m, tau_m), signals)
 
         flexgen.measure(plan, truth, seed=3, raw=keep, progress=False)
@@ -66,7 +68,10 @@ def measure_fault(fault: Fault) -> dict[str, Any]:
     found = flexgen.identify(model, flexgen.frf(experiment(fault, model, truth)), progress=False)
     known = {
         p.name: p.value
-        for p in select(truth, ["stiffness", "damping", *(n for n in found.vector.names if n.endswith(".viscous"))])
+        for p in select(
+            truth,
+            ["stiffness", "damping", *(n for n in found.vector.names if n.endswith(".viscous"))],
+        )
     }
     names = [name for name in found.vector.names if known.get(name)]
     away = {name: float(np.log(found.values[name] / known[name])) for name in names}
@@ -121,7 +126,10 @@ def main(arguments: list[str]) -> None:
         try:
             rows[fault.name] = measure_fault(fault)
         except FlexgenError as error:  # the words without the name of the file
-            rows[fault.name] = {"status": "refused", "causes": [str(error).partition(".npz: ")[2] or str(error)]}
+            rows[fault.name] = {
+                "status": "refused",
+                "causes": [str(error).partition(".npz: ")[2] or str(error)],
+            }
         file.write_text(json.dumps(rows, indent=1))
         print(fault.name, rows[fault.name], flush=True)
     if all(fault.name in rows for fault in FAULTS):

@@ -29,7 +29,10 @@ def by_hand(model, move, mesh, cost):
     path = flexgen.plan(equations, move)
     start, end = rest(equations, path, 0.0), rest(equations, path, T)
     points = (np.polynomial.legendre.leggauss(3)[0] + 1) / 2
-    basis = [np.poly1d(np.poly(np.delete(points, j)) / np.prod(points[j] - np.delete(points, j))) for j in range(3)]
+    basis = [
+        np.poly1d(np.poly(np.delete(points, j)) / np.prod(points[j] - np.delete(points, j)))
+        for j in range(3)
+    ]
     once, twice = [p.integ() for p in basis], [p.integ(2) for p in basis]
     weights, h = [p(1.0) for p in once], T / mesh
     y, a, u = (ca.SX.sym(name, size) for name, size in (("y", 2 * n), ("a", n), ("u", n_m)))
@@ -57,10 +60,19 @@ def by_hand(model, move, mesh, cost):
             opti.subject_to(rows(x, side * acceleration[i], U[k][:, i]) / 1e4 == 0)
             effort = U[k][:, i] if cost == "tau_m" else (side * acceleration[i])[n_a:]
             total += h * weights[i] * ca.sumsqr(effort / 100)
-        opti.subject_to(Y[:n, k + 1] == q + h * v + h**2 * sum(float(twice[j](1)) * acceleration[j] for j in range(3)))
+        opti.subject_to(
+            Y[:n, k + 1]
+            == q + h * v + h**2 * sum(float(twice[j](1)) * acceleration[j] for j in range(3))
+        )
         opti.subject_to(Y[n:, k + 1] == v + h * sum(weights[j] * acceleration[j] for j in range(3)))
     opti.minimize(total)
-    quiet = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.tol": 1e-7, "expand": False}
+    quiet = {
+        "ipopt.print_level": 0,
+        "print_time": False,
+        "ipopt.sb": "yes",
+        "ipopt.tol": 1e-7,
+        "expand": False,
+    }
     opti.solver("ipopt", {**quiet, "ipopt.constr_viol_tol": 1e-9, "ipopt.max_iter": 300})
     found = opti.solve()
     return equations, opti, found, Y, U, start, size, basis, T
@@ -76,7 +88,10 @@ def check_by_hand(equations, opti, found, Y, U, start, size, basis, T):
     output = equations.function("output")
     for k in range(mesh):
         t0, now = nodes[k], torque[k]
-        held = lambda t, t0=t0, now=now: sum(p((t - t0) / h) * now[:, j] for j, p in enumerate(basis))  # noqa: E731
+
+        def held(t, t0=t0, now=now):
+            return sum(p((t - t0) / h) * now[:, j] for j, p in enumerate(basis))
+
         run = solve_ivp(
             lambda t, x, held=held: np.array(rate_of(x, held(t))).ravel(),
             (t0, t0 + h),
@@ -106,7 +121,9 @@ def rest(equations, path, t):
     zero = np.zeros(robot.n_a)
     load = equations.function("inverse_dynamics")(q, zero, zero)
     row = load[i_e] - equations.function("elastic_torque")(q, zero)
-    solver = ca.rootfinder("rest", "newton", {"x": q, "g": ca.vertcat(error, row)}, {"error_on_fail": False})
+    solver = ca.rootfinder(
+        "rest", "newton", {"x": q, "g": ca.vertcat(error, row)}, {"error_on_fail": False}
+    )
     start = np.zeros(robot.n_a)
     move = robot.move(path.move.name)
     start[i_g] = move.end if t > 0 and move.type == "joint" else move.start

@@ -69,7 +69,9 @@ def main() -> None:
     try:
         found = answer(job)
     except ImportError as error:
-        found = {"missing": f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"}
+        found = {
+            "missing": f"{type(error).__name__}: {error}; pip install opty (needs IPOPT and cyipopt)"
+        }
     print(json.dumps(found))
 
 

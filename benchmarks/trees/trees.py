@@ -63,14 +63,24 @@ def arm(data: dict[str, Any], prefix: str, parent: str) -> dict[str, Any]:
     return found
 
 
-def together(name: str, data: dict[str, Any], count: int, base: bool) -> tuple[dict[str, Any], list[str]]:
+def together(
+    name: str, data: dict[str, Any], count: int, base: bool
+) -> tuple[dict[str, Any], list[str]]:
     """So many arms of a model on one base, which is elastic or fixed, and the tips of the branches."""
     arms = [arm(data, "abc"[k], BASE["name"] if base else "base") for k in range(count)]
     elements = [BASE] * base + [element for each in arms for element in each["element"]]
     motors = [motor for each in arms for motor in each["motor"]]
     home = list(data["home_rad"]) * count
-    made = {"name": name, "description": name, "source": "benchmark", "gravity": data["gravity"], "home_rad": home}
-    return made | {"element": elements, "motor": motors}, [each["element"][-1]["name"] for each in arms]
+    made = {
+        "name": name,
+        "description": name,
+        "source": "benchmark",
+        "gravity": data["gravity"],
+        "home_rad": home,
+    }
+    return made | {"element": elements, "motor": motors}, [
+        each["element"][-1]["name"] for each in arms
+    ]
 
 
 def cut(data: dict[str, Any], tips: Iterable[str], name: str) -> dict[str, Any]:
@@ -85,7 +95,9 @@ def cut(data: dict[str, Any], tips: Iterable[str], name: str) -> dict[str, Any]:
             kept.add(tip)
             tip = parents[tip]
     elements = [
-        {**element, "parent": parents[element["name"]]} for element in data["element"] if element["name"] in kept
+        {**element, "parent": parents[element["name"]]}
+        for element in data["element"]
+        if element["name"] in kept
     ]
     dofs = {dof["name"] for element in elements for dof in element.get("dof", [])}
     joints = [motor["drives"] for motor in data["motor"]]
@@ -100,10 +112,14 @@ def cut(data: dict[str, Any], tips: Iterable[str], name: str) -> dict[str, Any]:
     }
 
 
-def timers_of(data: dict[str, Any], folder: Path) -> tuple[flexgen.RobotModel, list[Callable[[], float]]]:
+def timers_of(
+    data: dict[str, Any], folder: Path
+) -> tuple[flexgen.RobotModel, list[Callable[[], float]]]:
     """A model, and functions that give the time [s] of an inversion of the path and of an update of a stream."""
     file = folder / f"{data['name']}.toml"
-    text = "".join(f"{key} = {toml(value)}\n" for key, value in data.items() if key not in ("element", "motor"))
+    text = "".join(
+        f"{key} = {toml(value)}\n" for key, value in data.items() if key not in ("element", "motor")
+    )
     for key in ("element", "motor"):  # a table on each line: longer lines are refused
         text += f"{key} = [\n" + "".join(f"{toml(each)},\n" for each in data[key]) + "]\n"
     file.write_text(text, encoding="utf-8")
@@ -117,11 +133,22 @@ def timers_of(data: dict[str, Any], folder: Path) -> tuple[flexgen.RobotModel, l
 
     def invert() -> float:
         began = time.perf_counter()
-        library.invert(y, dy, ddy, period=PERIOD, q_start=q_start, n_pre=PRE, n_post=POST, samples_per_interval=2)
+        library.invert(
+            y,
+            dy,
+            ddy,
+            period=PERIOD,
+            q_start=q_start,
+            n_pre=PRE,
+            n_post=POST,
+            samples_per_interval=2,
+        )
         return time.perf_counter() - began
 
     def update() -> float:
-        stream = library.stream(y[0], q_start, period=2 * PERIOD, intervals=40, samples_per_interval=1)
+        stream = library.stream(
+            y[0], q_start, period=2 * PERIOD, intervals=40, samples_per_interval=1
+        )
         began = time.perf_counter()
         for k in range(UPDATES):
             stream.update(y[2 * k], dy[2 * k], ddy[2 * k])
@@ -133,7 +160,9 @@ def timers_of(data: dict[str, Any], folder: Path) -> tuple[flexgen.RobotModel, l
 def row_of(data: dict[str, Any], tips: list[str], folder: Path) -> str:
     """A row of the table."""
     tree = timers_of(cut(data, tips, data["name"]), folder)
-    alone = [timers_of(cut(data, [tip], f"{data['name']}_{k}"), folder) for k, tip in enumerate(tips)]
+    alone = [
+        timers_of(cut(data, [tip], f"{data['name']}_{k}"), folder) for k, tip in enumerate(tips)
+    ]
     made = [tree, *alone]
     least = np.full((len(made), 2), np.inf)
     for _ in range(ROUNDS):

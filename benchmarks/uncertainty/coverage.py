@@ -24,28 +24,46 @@ from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import select
 
 ROBOTS, SEED, SAMPLE_S, REPEATS = 600, 4711, 2.5e-4, 3
-TOLERANCES = {"stiffness": 0.1, "damping": 0.3, "friction": 0.2, "masses": 0.03, "motor_inertia": 0.05}
+TOLERANCES = {
+    "stiffness": 0.1,
+    "damping": 0.3,
+    "friction": 0.2,
+    "masses": 0.03,
+    "motor_inertia": 0.05,
+}
 CASES = {"planar5_nmp": 0.2, "manutec_r3_18": 1.0, "manutec_r3_24": 1.0}  # payload [kg]
 INERTIA = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "yz", "xz")]
 
 
 def draw_factors(rng: np.random.Generator, sd: float) -> float:
     """A factor of mean or median 1: log-normal where it is weakly known."""
-    return float(np.exp(rng.normal(0.0, np.sqrt(np.log(1 + sd**2)))) if sd > 0.2 else 1 + rng.normal(0.0, sd))
+    return float(
+        np.exp(rng.normal(0.0, np.sqrt(np.log(1 + sd**2)))) if sd > 0.2 else 1 + rng.normal(0.0, sd)
+    )
 
 
 def draw_plants(
-    model: flexgen.RobotModel, given: dict[str, Any], payload: float, seed: int = SEED, robots: int = ROBOTS
+    model: flexgen.RobotModel,
+    given: dict[str, Any],
+    payload: float,
+    seed: int = SEED,
+    robots: int = ROBOTS,
 ) -> dict[str, dict[str, float]]:
     """Robots as `flexgen.control` takes them: factors of numbers by name, payload in kg more."""
     rng, common = np.random.default_rng(seed), given.get("common", ())
     springs = [p.name for p in select(model, ["stiffness"]) if p.unit in ("N m/rad", "N/m")]
-    frictions = [p.name for p in select(model, ["friction"]) if p.name.split(".")[1] in ("viscous", "coulomb")]
+    frictions = [
+        p.name
+        for p in select(model, ["friction"])
+        if p.name.split(".")[1] in ("viscous", "coulomb")
+    ]
     single = {
         "stiffness": [[name] for name in springs],
         "damping": [[p.name] for p in select(model, ["damping"]) if p.value],
         "friction": [[name] for name in frictions],
-        "masses": [[f"{e.name}.{x}" for x in ("mass", *INERTIA)] for e in model.elements if e.body.mass],
+        "masses": [
+            [f"{e.name}.{x}" for x in ("mass", *INERTIA)] for e in model.elements if e.body.mass
+        ],
         "motor_inertia": [[f"{motor.name}.inertia"] for motor in model.motors],
     }
     out: dict[str, dict[str, float]] = {}
@@ -94,7 +112,10 @@ def measure(name: str, payload: float) -> list[list[Any]]:
         errors = simulated_errors(found, draw_plants(model, TOLERANCES, payload))
         for unit, stated in (("m", found.error_m), ("rad", found.error_rad)):
             if stated is not None:
-                inside, true = float(np.mean(errors[unit] <= stated)), float(np.quantile(errors[unit], 0.95))
+                inside, true = (
+                    float(np.mean(errors[unit] <= stated)),
+                    float(np.quantile(errors[unit], 0.95)),
+                )
                 ratio = f"{seconds / solve_s:.2f}"
                 rows.append(
                     [

@@ -40,7 +40,17 @@ SEED, DRAWS, NORMAL, OFF = 4711, 3, 1.96, 0.2
 SPEEDS = 0.02, 0.05  # rms, rad/s, of the tables; the second is the default of `excite`
 LITTLE = 3e-5, 1e-3  # noise in the second, rad and N m
 AXES = (3, 3, 4, 4, 5, 5, 6, 6)  # of the arms
-HEAD = "arm", "axes", "free", "encoder, rad", "torque, N m", "fitted", "stated", "inside, %", "rms of error / sd"
+HEAD = (
+    "arm",
+    "axes",
+    "free",
+    "encoder, rad",
+    "torque, N m",
+    "fitted",
+    "stated",
+    "inside, %",
+    "rms of error / sd",
+)
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
@@ -57,10 +67,13 @@ def random_arm(rng: np.random.Generator, axes: int) -> RobotModel:
     elements, motors, axis = [], [], -1
     for k in range(axes):
         reach = np.cumsum(length[k:]) - np.array(length[k:]) / 2
-        moved = float(np.array(mass[k:]) @ (0.1 * reach**2 + 0.1 * np.array(length[k:]) ** 2))  # kg m^2, roughly
+        # kg m^2, roughly
+        moved = float(np.array(mass[k:]) @ (0.1 * reach**2 + 0.1 * np.array(length[k:]) ** 2))
         axis = int(rng.choice([i for i in range(3) if i != axis]))
         x, y = (tuple(np.eye(3)[i % 3].tolist()) for i in (axis, axis + 1))
-        k_g, k_e = (moved * (2 * np.pi * between(rng, *hz)) ** 2 for hz in ((6.0, 20.0), (12.0, 40.0)))
+        k_g, k_e = (
+            moved * (2 * np.pi * between(rng, *hz)) ** 2 for hz in ((6.0, 20.0), (12.0, 40.0))
+        )
         gear = Gear(False, "arm", LinearSpring(k_g), k_g * between(rng, 3e-4, 2e-3))
         dofs = [Dof(f"q{k + 1}", "rotation", x, gear=gear)]
         if bends[k]:
@@ -69,8 +82,11 @@ def random_arm(rng: np.random.Generator, axes: int) -> RobotModel:
         moments = mass[k] * length[k] ** 2 * rng.uniform([0.02, 0.08, 0.08], [0.05, 0.12, 0.12])
         com = tuple((0.5 * length[k] * np.array([1.0, *rng.normal(0.0, 0.1, 2)])).tolist())
         body = Body(mass[k], com, tuple(map(tuple, np.diag(moments).tolist())))
-        elements.append(Element(f"link{k + 1}", tuple(dofs), link=Placement((length[k], 0.0, 0.0)), body=body))
-        ratio = between(rng, 50.0, 100.0) * moved**0.25  # heavy joints have larger motors and ratios
+        elements.append(
+            Element(f"link{k + 1}", tuple(dofs), link=Placement((length[k], 0.0, 0.0)), body=body)
+        )
+        # heavy joints have larger motors and ratios
+        ratio = between(rng, 50.0, 100.0) * moved**0.25
         inertia = moved * between(rng, 0.3, 1.0) / ratio**2
         viscous = Friction(viscous=inertia * between(rng, 0.5, 5.0))
         motors.append(Motor(f"m{k + 1}", inertia, (f"q{k + 1}",), (ratio,), friction=viscous))
@@ -85,13 +101,17 @@ def random_arm(rng: np.random.Generator, axes: int) -> RobotModel:
 def another(model: RobotModel, rng: np.random.Generator) -> RobotModel:
     """The robot with other springs, dampers and frictions."""
     numbers = select(model, default_free(model))
-    return with_values(model, {p.name: p.value * float(np.exp(rng.uniform(-OFF, OFF))) for p in numbers})
+    return with_values(
+        model, {p.name: p.value * float(np.exp(rng.uniform(-OFF, OFF))) for p in numbers}
+    )
 
 
 def errors_in_sd(found: Any, truth: RobotModel) -> np.ndarray:
     """Errors of the logarithms over the stated standard deviations, without what is not determined by the data."""
     true = {p.name: p.value for p in select(truth, list(found.vector.names))}
-    stated = {name: sd for name, sd in found.sd.items() if sd is not None and not found.is_weak(name)}
+    stated = {
+        name: sd for name, sd in found.sd.items() if sd is not None and not found.is_weak(name)
+    }
     return np.array([np.log(found.values[name] / true[name]) / sd for name, sd in stated.items()])
 
 
@@ -123,15 +143,30 @@ def cells(name: str, axes: str, rows: list[dict[str, Any]]) -> list[str]:
     fits = [fit for row in rows for fit in row["fits"]]
     z, free = np.concatenate(fits), sum(row["free"] * len(row["fits"]) for row in rows)
     noise = [f"{x:.2g}" for x in rows[0]["noise"]] if len(rows) == 1 else ["", ""]
-    inside = [f"{100 * np.mean(np.abs(z) < NORMAL):.1f}", f"{np.sqrt(np.mean(z**2)):.2f}"] if len(z) else ["-", "-"]
+    inside = (
+        [f"{100 * np.mean(np.abs(z) < NORMAL):.1f}", f"{np.sqrt(np.mean(z**2)):.2f}"]
+        if len(z)
+        else ["-", "-"]
+    )
     fitted = f"{sum(len(fit) > 0 for fit in fits)} of {len(fits)}"
-    return [name, axes, str(rows[0]["free"]) if len(rows) == 1 else "", *noise, fitted, f"{len(z)} of {free}", *inside]
+    return [
+        name,
+        axes,
+        str(rows[0]["free"]) if len(rows) == 1 else "",
+        *noise,
+        fitted,
+        f"{len(z)} of {free}",
+        *inside,
+    ]
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """The lines of all arms of a table."""
     lines = [cells(str(k + 1), str(row["axes"]), [row]) for k, row in enumerate(rows)]
-    lines += [cells("all", "3 to 6", rows), cells("6 axes", "6", [row for row in rows if row["axes"] == 6])]
+    lines += [
+        cells("all", "3 to 6", rows),
+        cells("6 axes", "6", [row for row in rows if row["axes"] == 6]),
+    ]
     return "\n".join(["| " + " | ".join(x) + " |" for x in (HEAD, ["---"] * len(HEAD), *lines)])
 
 
@@ -166,7 +201,10 @@ def main() -> None:
     parser.add_argument("arms", type=int, nargs="*", default=list(range(1, len(AXES) + 1)))
     given = parser.parse_args()
     arms = [arm - 1 for arm in given.arms]
-    text = page([table([measure_arm(arm, given.draws, speed) for arm in arms]) for speed in SPEEDS], given.draws)
+    text = page(
+        [table([measure_arm(arm, given.draws, speed) for arm in arms]) for speed in SPEEDS],
+        given.draws,
+    )
     print(text)
     if given.write:
         Path(__file__).with_name("intervals.md").write_text(text, encoding="utf-8")

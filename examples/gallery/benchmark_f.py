@@ -20,7 +20,10 @@ def show(page: Page) -> None:
     """Scores of the controllers that come with flexgen; the arm's position under the disturbances."""
     found = {name: flexgen.score("four_mass", name, progress=False) for name in CONTROLLERS}
     parts = list(found["reference"].parts)
-    page.table(["controller", "V", *parts], [[n, s.total, *(s.parts[p] for p in parts)] for n, s in found.items()])
+    page.table(
+        ["controller", "V", *parts],
+        [[n, s.total, *(s.parts[p] for p in parts)] for n, s in found.items()],
+    )
 
     top, bottom = page.figure(4.0).subplots(2, 1, sharex=True)
     for name in SHOWN:

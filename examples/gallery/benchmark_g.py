@@ -15,9 +15,14 @@ is better; the reference controller has about 1.
 
 def show(page: Page) -> None:
     """Scores, and the output of the arm under the reference controller and a tuned one."""
-    scores = {name: flexgen.score("two_link", name, progress=False) for name in ("reference", "ppi")}
+    scores = {
+        name: flexgen.score("two_link", name, progress=False) for name in ("reference", "ppi")
+    }
     parts = list(scores["reference"].parts)
-    page.table(["controller", "V", *parts], [[n, s.total, *(s.parts[p] for p in parts)] for n, s in scores.items()])
+    page.table(
+        ["controller", "V", *parts],
+        [[n, s.total, *(s.parts[p] for p in parts)] for n, s in scores.items()],
+    )
     length = scores["reference"].scenario.duration_s
     for k, axes in enumerate(page.figure(4.0).subplots(2, 1, sharex=True)):
         for name, score in scores.items():

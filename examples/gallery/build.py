@@ -23,7 +23,11 @@ body{{max-width:62em;margin:2em auto;font-family:sans-serif}}img{{width:100%}}pr
 
 def scripts() -> list[Path]:
     """The scripts of the gallery, by name."""
-    return [path for path in sorted(HERE.glob("*.py")) if path.stem not in ("build", "exhibit", "linear_loop")]
+    return [
+        path
+        for path in sorted(HERE.glob("*.py"))
+        if path.stem not in ("build", "exhibit", "linear_loop")
+    ]
 
 
 def title(script: Path) -> str:
@@ -36,7 +40,9 @@ def build(folder: Path) -> int:
     """Run the scripts one after the other; the number of those that failed."""
     folder.mkdir(parents=True, exist_ok=True)
     entries, failed = [], 0
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")])}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")])
+    }
     for script in scripts():
         command = [sys.executable, script, folder]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -46,16 +52,22 @@ def build(folder: Path) -> int:
             continue
         print(done.stdout.splitlines()[-1])
         (folder / f"{script.stem}.txt").write_text(done.stdout, encoding="utf-8")
-        entries.append(f'<h2>{title(script)}</h2>\n<img src="{script.stem}.svg" alt="{title(script)}">')
+        entries.append(
+            f'<h2>{title(script)}</h2>\n<img src="{script.stem}.svg" alt="{title(script)}">'
+        )
         *lines, last = done.stdout.splitlines()  # the last one: picture, time
         entries.append(f"<pre>{html.escape(chr(10).join(lines).rstrip())}</pre>")
-        entries.append(f"<p>Script: <code>{script.name}</code>. Run time: {last.rpartition(', ')[2]}.</p>")
+        entries.append(
+            f"<p>Script: <code>{script.name}</code>. Run time: {last.rpartition(', ')[2]}.</p>"
+        )
     (folder / "index.html").write_text(PAGE.format(entries="\n".join(entries)), encoding="utf-8")
     return failed
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1] if len(sys.argv) > 1 else HERE.parents[1] / "build" / "gallery").resolve()
+    target = Path(
+        sys.argv[1] if len(sys.argv) > 1 else HERE.parents[1] / "build" / "gallery"
+    ).resolve()
     failures = build(target)
     print(f"wrote {target / 'index.html'}" + (f", {failures} scripts failed" if failures else ""))
     sys.exit(1 if failures else 0)

@@ -40,15 +40,28 @@ def show(page: Page) -> None:
     rows = []
     for name in MODELS:
         analysis = flexgen.analyze(name)
-        rows.append([name, 2 * len(analysis.linear.M), kalman(analysis.linear), analysis.solvability.controllability])
+        rows.append(
+            [
+                name,
+                2 * len(analysis.linear.M),
+                kalman(analysis.linear),
+                analysis.solvability.controllability,
+            ]
+        )
         rows[-1].append("yes" if analysis.solvability.regular else "no")
     page.table(["model", "states", "rank", "Hautus", "regular"], rows)
 
     equations, angle = flexgen.derive("planar5_nmp"), np.radians(np.linspace(-180, 180, 49))
     found = [flexgen.analyze(equations, (0.3, q2)).solvability for q2 in angle]
     axes = page.figure(3.0).subplots()
-    axes.plot(np.degrees(angle), [s.controllability for s in found], label="controllability (Hautus)")
-    axes.plot(np.degrees(angle), [s.singular_values[-1] for s in found], label="regularity of the inverse dynamics")
+    axes.plot(
+        np.degrees(angle), [s.controllability for s in found], label="controllability (Hautus)"
+    )
+    axes.plot(
+        np.degrees(angle),
+        [s.singular_values[-1] for s in found],
+        label="regularity of the inverse dynamics",
+    )
     axes.set_ylim(0, 0.4)
     axes.set_xlabel("second joint of planar5_nmp, deg (0: stretched)")
     axes.legend(loc="upper left")

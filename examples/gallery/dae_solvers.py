@@ -27,8 +27,12 @@ def show(page: Page) -> None:
     """Largest torque error on a line of planar5_mp, away from the ends, and the order between two steps."""
     t = np.linspace(0.1, 0.4, 301)  # the beginning differs: BDF starts with a lower order
 
-    def torques(method: str, options: dict[str, object] | None, mesh: float | None = None) -> np.ndarray:
-        solution = flexgen.solve("planar5_mp", "line", method, mesh=mesh, options=options, progress=False)
+    def torques(
+        method: str, options: dict[str, object] | None, mesh: float | None = None
+    ) -> np.ndarray:
+        solution = flexgen.solve(
+            "planar5_mp", "line", method, mesh=mesh, options=options, progress=False
+        )
         return np.asarray(solution.trajectory.at(t)["tau_m"])
 
     exact = torques("reduced", {"rtol": 1e-11})
@@ -39,9 +43,16 @@ def show(page: Page) -> None:
         order = float(np.log2(errors[0] / errors[1]))
         rows.append([name, *errors, order])
         axes.loglog(1e3 * np.array(STEPS), errors, "o-", label=name)
-    page.table(["method", *(f"{1e3 * step:g} ms: error, N m" for step in STEPS), "order, 4 to 2 ms"], rows)
-    controlled = [float(np.abs(torques("reduced", {"rtol": rtol}) - exact).max()) for rtol in TOLERANCES]
-    page.table(["method", *(f"tolerance {rtol:g}: error, N m" for rtol in TOLERANCES)], [["reduced", *controlled]])
+    page.table(
+        ["method", *(f"{1e3 * step:g} ms: error, N m" for step in STEPS), "order, 4 to 2 ms"], rows
+    )
+    controlled = [
+        float(np.abs(torques("reduced", {"rtol": rtol}) - exact).max()) for rtol in TOLERANCES
+    ]
+    page.table(
+        ["method", *(f"tolerance {rtol:g}: error, N m" for rtol in TOLERANCES)],
+        [["reduced", *controlled]],
+    )
     axes.set_xlabel("step, ms")
     axes.set_ylabel("largest error of a torque, N m")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -12,7 +12,8 @@ The equations of the two-link arm by Lagrange's method, with these parts: M. Spo
 Robot Modeling and Control, 2006, ch. 7. The table's last column is the difference of the formulas below, written
 by hand for the angles of this arm, and of flexgen's function.
 """
-M1, L1, C1, J1 = 339.12, 1.150, 0.441, 88.67  # kg, m, m, kg m^2: masses, length, center of mass, inertia
+# kg, m, m, kg m^2: masses, length, center of mass, inertia
+M1, L1, C1, J1 = 339.12, 1.150, 0.441, 88.67
 M2, C2, J2, G = 190.25, 0.465, 48.64, 9.81
 
 
@@ -26,7 +27,9 @@ def by_hand(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> dict[str, np.ndarray
     fore = -M2 * G * C2 * np.cos(q.sum(axis=1))
     return {
         "inertia": np.stack([m11 * a[:, 0] + m12 * a[:, 1], m12 * a[:, 0] + m22 * a[:, 1]], axis=1),
-        "velocity": np.stack([k * (2 * v[:, 0] * v[:, 1] + v[:, 1] ** 2), -k * v[:, 0] ** 2], axis=1),
+        "velocity": np.stack(
+            [k * (2 * v[:, 0] * v[:, 1] + v[:, 1] ** 2), -k * v[:, 0] ** 2], axis=1
+        ),
         "gravity": np.stack([fore - (M1 * C1 + M2 * L1) * G * np.sin(q[:, 0]), fore], axis=1),
     }
 
@@ -42,7 +45,11 @@ def show(page: Page) -> None:
     function = flexgen.derive("elbow@rigid").function("inverse_dynamics")
     wrong = np.abs(evaluate(function, q, v, a)[0].reshape(-1, 2) - total)
     rows = [
-        [f"q{j + 1}", *(float(np.abs(x[:, j]).max()) for x in (*parts.values(), total)), float(wrong[:, j].max())]
+        [
+            f"q{j + 1}",
+            *(float(np.abs(x[:, j]).max()) for x in (*parts.values(), total)),
+            float(wrong[:, j].max()),
+        ]
         for j in range(2)
     ]
     page.table(["axis", *(f"{name}, N m" for name in (*parts, "total")), "difference, N m"], rows)

@@ -26,10 +26,17 @@ class Page:
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
         """Print a table; numbers with four digits."""
-        cells = [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in row] for row in (header, *rows)]
+        cells = [
+            [f"{x:.4g}" if isinstance(x, float) else str(x) for x in row] for row in (header, *rows)
+        ]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         for line in (cells[0], ["-" * width for width in widths], *cells[1:]):
-            print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+            print(
+                "  "
+                + "  ".join(
+                    cell.ljust(width) for cell, width in zip(line, widths, strict=True)
+                ).rstrip()
+            )
         print()
 
     def figure(self, height: float = 3.4) -> Figure:
@@ -51,7 +58,13 @@ def draw(show: Callable[[Page], None], page: Page) -> None:
                     axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
 
 
-def exhibit(file: str, question: str, literature: str, show: Callable[[Page], None], folder: str | None = None) -> Path:
+def exhibit(
+    file: str,
+    question: str,
+    literature: str,
+    show: Callable[[Page], None],
+    folder: str | None = None,
+) -> Path:
     """Run a script of the gallery.
 
     Parameters

@@ -20,13 +20,25 @@ NOISE_NM = 4.0  # peak to peak at rest; tunings with more do not count
 
 def show(page: Page) -> None:
     """Worst error of the six robots at the best tuning of each law; all tunings over their torque noise."""
-    study = flexgen.feedback_study(settings=(SETTING,), tunings=8, torque_noise=NOISE_NM, progress=False)
+    study = flexgen.feedback_study(
+        settings=(SETTING,), tunings=8, torque_noise=NOISE_NM, progress=False
+    )
     rows = []
     for family in FAMILIES:
         best = study.best(SETTING, family)
         if best is not None:
-            rows.append([family, best.tuning, 1e3 * best.error_m[0], 1e3 * best.worst_m, best.torque_noise_Nm])
-    page.table(["law", "best tuning", "model itself, mm", "worst robot, mm", "torque noise, N m"], rows)
+            rows.append(
+                [
+                    family,
+                    best.tuning,
+                    1e3 * best.error_m[0],
+                    1e3 * best.worst_m,
+                    best.torque_noise_Nm,
+                ]
+            )
+    page.table(
+        ["law", "best tuning", "model itself, mm", "worst robot, mm", "torque noise, N m"], rows
+    )
 
     axes = page.figure().subplots()
     for family in FAMILIES:

@@ -20,14 +20,19 @@ MODES = (1, 2, 3, 4)
 def beam(modes: int) -> Equations:
     """The arm with this number of modes, without load and without gravity."""
     bending = [{"direction": "y", "stiffness": 200.0, "modes": modes, "damping_ratio": 0.0}]
-    changes = {"element.fore.beam.bending": bending, "payload": {"mass": 0.0}, "gravity": [0.0, 0.0, 0.0]}
+    changes = {
+        "element.fore.beam.bending": bending,
+        "payload": {"mass": 0.0},
+        "gravity": [0.0, 0.0, 0.0],
+    }
     return flexgen.derive(flexgen.read("beam_arm", overrides=changes))
 
 
 def show(page: Page) -> None:
     """Frequencies with a clamped hub compared with the exact ones; zeros from the hub's motor to the tip."""
     rows, zeros = [], []
-    exact = EXACT**2 / 0.8**2 * np.sqrt(200.0 / 1.0) / (2 * np.pi)  # length 0.8 m, EI 200 N m^2, 1 kg/m
+    # length 0.8 m, EI 200 N m^2, 1 kg/m
+    exact = EXACT**2 / 0.8**2 * np.sqrt(200.0 / 1.0) / (2 * np.pi)
     for n in MODES:
         equations = beam(n)
         rest = np.zeros(2 + n)
@@ -35,7 +40,9 @@ def show(page: Page) -> None:
         M = evaluate(equations.function("mass_matrix"), rest)[0][0][np.ix_(e, e)]
         steps = np.zeros((n, 2 + n))
         steps[:, e] = np.eye(n)
-        K = -evaluate(equations.function("elastic_torque"), steps, np.zeros((n, 2 + n)))[0].reshape(n, n)
+        K = -evaluate(equations.function("elastic_torque"), steps, np.zeros((n, 2 + n)))[0].reshape(
+            n, n
+        )
         hz = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)) / (2 * np.pi)
         zeros.append(flexgen.analyze(equations).zeros.zeros)
         slowest = min(z for z in zeros[-1].real if z > 0)

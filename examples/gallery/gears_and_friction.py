@@ -21,7 +21,13 @@ def show(page: Page) -> None:
     rows = []
     for name in ("four_mass@low", "four_mass@high", "four_mass"):
         modes = [f for f, _ in flexgen.analyze(name).modes]
-        rows.append([name, *(f"{f:.2f}" for f in modes), " ".join(f"{f:.2f}" for f in PUBLISHED.get(name, ())) or "-"])
+        rows.append(
+            [
+                name,
+                *(f"{f:.2f}" for f in modes),
+                " ".join(f"{f:.2f}" for f in PUBLISHED.get(name, ())) or "-",
+            ]
+        )
     page.table(["model", "mode 1, Hz", "mode 2", "mode 3", "published, Hz"], rows)
 
     gear, friction = page.figure().subplots(1, 2)

@@ -12,7 +12,15 @@ differential equations after mu differentiations; the differential index is mu +
 n_g + 2 n_e with damped gears, a = 5 n_m and d = 2 n_e without damping. A continuous torque needs index - 1 continuous
 derivatives of the path.
 """
-MODELS = ("elbow@rigid", "elbow", "planar5_mp", "planar5_nmp", "planar5_nmp@undamped", "beam_arm", "four_mass")
+MODELS = (
+    "elbow@rigid",
+    "elbow",
+    "planar5_mp",
+    "planar5_nmp",
+    "planar5_nmp@undamped",
+    "beam_arm",
+    "four_mass",
+)
 SHOWN = ("planar5_nmp", "planar5_nmp@undamped")
 
 
@@ -21,9 +29,24 @@ def show(page: Page) -> None:
     rows, found = [], {name: flexgen.analyze(name) for name in MODELS}
     for name, analysis in found.items():
         k, model = analysis.kunkel_mehrmann, analysis.model
-        rows.append([name, f"{model.n_m}/{model.n_g}/{model.n_e}", k.mu, k.a, k.d, k.differential_index])
+        rows.append(
+            [name, f"{model.n_m}/{model.n_g}/{model.n_e}", k.mu, k.a, k.d, k.differential_index]
+        )
         rows[-1] += [analysis.structural_index, f"C{k.path_smoothness}", f"{k.gap:.0e}"]
-    page.table(["model", "n_m/n_g/n_e", "mu", "a", "d", "index", "by structure", "path", "gap of the ranks"], rows)
+    page.table(
+        [
+            "model",
+            "n_m/n_g/n_e",
+            "mu",
+            "a",
+            "d",
+            "index",
+            "by structure",
+            "path",
+            "gap of the ranks",
+        ],
+        rows,
+    )
 
     for axes, name in zip(page.figure(4.2).subplots(1, 2), SHOWN, strict=True):
         s = found[name].structure

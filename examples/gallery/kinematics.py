@@ -27,8 +27,18 @@ def show(page: Page) -> None:
     for c in flexgen.kinematics(equations.model, p.ravel(), R):
         back, turned = (values[0] for values in evaluate(pose, c.q))
         wrong = max(float(np.abs(back.ravel() - p.ravel()).max()), float(np.abs(turned - R).max()))
-        rows.append([*(f"{x:.1f}" for x in np.degrees(c.q)), str(c.flags), c.nearest_singularity, c.distance, wrong])
-    page.table([*(f"q{k}, deg" for k in range(1, 7)), "flags", "nearest", "distance", "error"], rows)
+        rows.append(
+            [
+                *(f"{x:.1f}" for x in np.degrees(c.q)),
+                str(c.flags),
+                c.nearest_singularity,
+                c.distance,
+                wrong,
+            ]
+        )
+    page.table(
+        [*(f"q{k}, deg" for k in range(1, 7)), "flags", "nearest", "distance", "error"], rows
+    )
 
     angle = np.radians(np.linspace(-160, 160, 641))
     reach = 1.5  # m, about the reach of the arm: lengths of the Jacobian are divided by it
@@ -40,9 +50,13 @@ def show(page: Page) -> None:
         J[:, :3] /= reach
         values = np.linalg.svd(J, compute_uv=False)
         ratio = values[:, -1] / values[:, 0]
-        axes.plot(np.degrees(angle), ratio, color="k", lw=2.2, label="smallest / largest singular value")
+        axes.plot(
+            np.degrees(angle), ratio, color="k", lw=2.2, label="smallest / largest singular value"
+        )
         for part in ("shoulder", "elbow", "wrist"):
-            axes.plot(np.degrees(angle), np.abs([arm_parts(j)[part] for j in J]), lw=1.0, label=part)
+            axes.plot(
+                np.degrees(angle), np.abs([arm_parts(j)[part] for j in J]), lw=1.0, label=part
+            )
         axes.set_yscale("log")
         axes.set_ylim(1e-3, 2)
         axes.set_xlabel(f"{name}, deg (the others as in the table's first row)")

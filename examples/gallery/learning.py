@@ -4,19 +4,26 @@ from exhibit import Page, exhibit
 
 import flexgen
 
-QUESTION = "How fast does a robot learn a path from its own tool error, and where does learning stop?"
+QUESTION = (
+    "How fast does a robot learn a path from its own tool error, and where does learning stop?"
+)
 LITERATURE = """
 Iterative learning control: S. Arimoto et al., J. Robotic Systems 1(2), 1984; D. Bristow, M. Tharayil, A. Alleyne,
 IEEE Control Systems Magazine 26(3), 2006. The low pass Q bounds the frequencies that are learned, and with it what
 remains: errors above it are not corrected.
 """
-PLANTS = {"stiffness -20 %": {"stiffness": 0.8}, "stiffness +20 %": {"stiffness": 1.2}, "load +3 kg": {"payload": 3.0}}
+PLANTS = {
+    "stiffness -20 %": {"stiffness": 0.8},
+    "stiffness +20 %": {"stiffness": 1.2},
+    "load +3 kg": {"payload": 3.0},
+}
 
 
 def show(page: Page) -> None:
     """Largest tool error over the iterations, of robots that differ from the model."""
     found = {
-        name: flexgen.learn("planar5_nmp", plant=plant, iterations=4, progress=False) for name, plant in PLANTS.items()
+        name: flexgen.learn("planar5_nmp", plant=plant, iterations=4, progress=False)
+        for name, plant in PLANTS.items()
     }
     errors = {name: [1e6 * e for e in learned.errors_m] for name, learned in found.items()}
     n = max(map(len, errors.values()))

@@ -7,7 +7,9 @@ import numpy as np
 import flexgen
 
 
-def linearize_loop(robot: Any, m: Any, gains: flexgen.Cascade, step: float) -> tuple[np.ndarray, ...]:
+def linearize_loop(
+    robot: Any, m: Any, gains: flexgen.Cascade, step: float
+) -> tuple[np.ndarray, ...]:
     """Matrices F, G, start of x(k + 1) = F x(k) + G d(k), x(0) = start d(0), at the samples of a motion m.
 
     x: deviations of the positions and speeds of arm and motors, and integrals of the P-PI feedback; d: deviations of
@@ -19,16 +21,23 @@ def linearize_loop(robot: Any, m: Any, gains: flexgen.Cascade, step: float) -> t
     def rate(A: np.ndarray, B: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:
         w = gains.position_gain[:, None] * (d[c : 2 * c] - x[a:n]) + d[2 * c :] - x[n + a : 2 * n]
         w = gains.speed_gain[:, None] * w
-        return np.vstack([A @ x[: 2 * n] + B @ (d[:c] + w + x[2 * n :]), gains.integral_gain[:, None] * w])
+        return np.vstack(
+            [A @ x[: 2 * n] + B @ (d[:c] + w + x[2 * n :]), gains.integral_gain[:, None] * w]
+        )
 
     A, B = robot.linearize(m.q_a, m.v_a, m.q_m, m.v_m, m.tau_m)
     x, d = np.eye(2 * n + c, 2 * n + 4 * c), np.eye(3 * c, 2 * n + 4 * c, 2 * n + c)
     CD = np.array([rate(*pair, x, d) for pair in zip(A, B, strict=True)])
     C, D = np.split(step / 2 * (CD[1:] + CD[:-1]), [2 * n + c], axis=2)
     inverse = np.linalg.inv(np.eye(2 * n + c) - C / 2)
-    rest = np.linalg.solve(np.hstack([A[0, n:, :a], B[0, n:]]), -A[0, n:, a:n])  # arm and torque, motors at q_m
+    # arm and torque, motors at q_m
+    rest = np.linalg.solve(np.hstack([A[0, n:, :a], B[0, n:]]), -A[0, n:, a:n])
     start = np.zeros((2 * n + c, 3 * c))
-    start[:n, c : 2 * c], start[2 * n :, c : 2 * c], start[2 * n :, :c] = [*rest[:a], *np.eye(c)], rest[a:], -np.eye(c)
+    start[:n, c : 2 * c], start[2 * n :, c : 2 * c], start[2 * n :, :c] = (
+        [*rest[:a], *np.eye(c)],
+        rest[a:],
+        -np.eye(c),
+    )
     return inverse @ (np.eye(2 * n + c) + C / 2), inverse @ D, start
 
 

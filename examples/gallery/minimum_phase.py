@@ -31,14 +31,26 @@ def show(page: Page) -> None:
     for name, (method, options) in METHODS.items():
         begin = time.perf_counter()
         solution = flexgen.solve("planar5_mp", "line", method, options=options, progress=False)
-        found[name] = (solution.trajectory.at(t)["tau_m"], solution.tool_error_max_m, time.perf_counter() - begin)
+        found[name] = (
+            solution.trajectory.at(t)["tau_m"],
+            solution.tool_error_max_m,
+            time.perf_counter() - begin,
+        )
     best = found["reduced"][0]
     difference = {name: np.abs(tau - best).max(axis=1) for name, (tau, _, _) in found.items()}
     rows = [
         [name, float(difference[name].max()), 1e6 * (error or 0.0), seconds]
         for name, (_, error, seconds) in found.items()
     ]
-    page.table(["method", "torque: difference from reduced, N m", "tool error, um", "time with verification, s"], rows)
+    page.table(
+        [
+            "method",
+            "torque: difference from reduced, N m",
+            "tool error, um",
+            "time with verification, s",
+        ],
+        rows,
+    )
 
     left, right = page.figure(3.6).subplots(1, 2)
     left.plot(t, best)

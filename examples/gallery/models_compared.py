@@ -13,7 +13,12 @@ The flexible joint model has springs in the joints about the motors' axes only (
 dynamics is a differential-algebraic equation (S. Moberg and S. Hanssen, ICRA 2007). There is no feedback here: an arm
 that nothing holds drifts, so that a static deflection that a simple model does not know costs more in a slow move.
 """
-METHODS = {"rigid": "rigid", "fjm": "flexible joints", "quasistatic": "and static deflections", "lq": "extended"}
+METHODS = {
+    "rigid": "rigid",
+    "fjm": "flexible joints",
+    "quasistatic": "and static deflections",
+    "lq": "extended",
+}
 DURATIONS = (0.3, 0.6, 1.2)  # s
 
 

@@ -21,7 +21,9 @@ def show(page: Page) -> None:
     model = flexgen.read("planar5_nmp@soft")
     report = flexgen.analyze(model, model.move("line").start).zeros
     constant = report.unstable_time_constant_s
-    print(f"  {report.phase}: zero at +{1 / constant:.1f} 1/s, preview {1e3 * report.preview_s:.0f} ms")
+    print(
+        f"  {report.phase}: zero at +{1 / constant:.1f} 1/s, preview {1e3 * report.preview_s:.0f} ms"
+    )
     try:
         flexgen.solve(model, "line", "reduced")
     except FlexgenError as error:
@@ -32,7 +34,12 @@ def show(page: Page) -> None:
     change = np.abs(tau - tau[0])
     early = [np.abs(trajectory.at(-n * constant)["tau_m"] - tau[0]) for n in (1.0, *CONSTANTS)]
     rows = [
-        [n, -1e3 * n * constant, *map(float, found), *map(float, found / early[0] * np.exp(n - 1.0))]
+        [
+            n,
+            -1e3 * n * constant,
+            *map(float, found),
+            *map(float, found / early[0] * np.exp(n - 1.0)),
+        ]
         for n, found in zip(CONSTANTS, early[1:], strict=True)
     ]
     header = ["time constants", "ms", "m1, N m", "m2, N m", "m1 / exponential", "m2 / exponential"]
@@ -47,7 +54,12 @@ def show(page: Page) -> None:
     left.set_ylabel("change of the motor torques, N m")
     before = t <= 0
     right.semilogy(1e3 * t[before], change[before])
-    right.semilogy(1e3 * t[before], change[before][-1, 0] * np.exp(t[before] / constant), "k--", label="exp(zero t)")
+    right.semilogy(
+        1e3 * t[before],
+        change[before][-1, 0] * np.exp(t[before] / constant),
+        "k--",
+        label="exp(zero t)",
+    )
     right.set_ylim(1e-8, 10)
     right.legend(["m1", "m2", "exponential of the zero"])
     for axes in (left, right):

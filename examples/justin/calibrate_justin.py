@@ -29,7 +29,11 @@ STAGES = (  # name, springs that are free, groups
     ("+ springs of the joints", "gears", ("zeros", "placements", "compliances")),
     ("+ springs across the joints", "all", ("zeros", "placements", "compliances")),
     ("+ factors of the mechanism", "all", ("zeros", "placements", "compliances", "mechanisms")),
-    ("+ masses and their centers", "all", ("zeros", "placements", "compliances", "mechanisms", "masses")),
+    (
+        "+ masses and their centers",
+        "all",
+        ("zeros", "placements", "compliances", "mechanisms", "masses"),
+    ),
 )
 
 
@@ -44,7 +48,8 @@ def model_with(springs: str) -> flexgen.RobotModel:
                 stiff[f"{place}.gear.spring.stiffness"] = RIGID
             if dof.spring is not None and springs != "all" and dof.name != "chest_z":
                 stiff[f"{place}.spring.stiffness"] = RIGID
-            if dof.name == "chest_z" and springs == "none":  # the axis of the mechanism is one of the joints
+            # the axis of the mechanism is one of the joints
+            if dof.name == "chest_z" and springs == "none":
                 stiff[f"{place}.spring.stiffness"] = RIGID
     return flexgen.read(MODEL, overrides=stiff)
 
@@ -57,8 +62,12 @@ def main(file: Path) -> None:
     )
     for name, springs, free in STAGES:
         began = time.perf_counter()
-        found = flexgen.calibrate(model_with(springs), poses, free=free, place=["right1", "left1"], progress=False)
-        held, seen = (1e3 * float(np.nanmean(e)) for e in (found.errors_held_out, found.errors_seen))
+        found = flexgen.calibrate(
+            model_with(springs), poses, free=free, place=["right1", "left1"], progress=False
+        )
+        held, seen = (
+            1e3 * float(np.nanmean(e)) for e in (found.errors_held_out, found.errors_seen)
+        )
         fit = 1e3 * float(np.nanmean(found.errors))
         wall = time.perf_counter() - began
         print(f"{name:45s} {len(found.x):7d} {fit:6.2f} {held:21.2f} {seen:17.2f} {wall:9.1f}")
@@ -67,7 +76,9 @@ def main(file: Path) -> None:
 
     order = np.random.default_rng(1).permutation(len(poses))
     fitted, left_out = np.sort(order[: len(order) * 4 // 5]), np.sort(order[len(order) * 4 // 5 :])
-    part = flexgen.StaticPoses(poses.commands[fitted], poses.positions[fitted], f"{len(fitted)} poses of {file.name}")
+    part = flexgen.StaticPoses(
+        poses.commands[fitted], poses.positions[fitted], f"{len(fitted)} poses of {file.name}"
+    )
     began = time.perf_counter()
     found = flexgen.calibrate(MODEL, part, place=["right1", "left1"], folds=0, progress=False)
     print(f"\n{len(fitted)} poses fitted in {time.perf_counter() - began:.1f} s")

@@ -62,7 +62,9 @@ def main(folder: Path) -> None:
     t = data[0].recordings[0][1].sample_s * np.arange(len(q))
     print("stiffness of the gears, N m/rad, arm side, 90 % interval")
     for j in range(links.shape[1]):
-        print(f"  {model.coordinates[j].name}: {gear_deflection(t, q[:, j], links[:, j], torques[:, j]).sentence}")
+        print(
+            f"  {model.coordinates[j].name}: {gear_deflection(t, q[:, j], links[:, j], torques[:, j]).sentence}"
+        )
     draw(found, motions[1], folder / "torques.svg")
     print(f"wrote {folder / 'torques.svg'}")
 

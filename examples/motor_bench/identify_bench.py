@@ -29,7 +29,9 @@ def main(folder: Path) -> None:
     description = folder / "recordings.toml"
     data = flexgen.frf(read_experiment(description))
     routes = {
-        residual: flexgen.identify(folder / "bench.toml", data, free=FREE, residual=residual, progress=False)
+        residual: flexgen.identify(
+            folder / "bench.toml", data, free=FREE, residual=residual, progress=False
+        )
         for residual in ("nls", "lls")
     }
     in_time = fit_motion(None, description, free=FREE, segment_s=SEGMENT, progress=False)
@@ -37,8 +39,13 @@ def main(folder: Path) -> None:
     for unknown in in_time.vector.unknowns:
         name = unknown.name
         values = [found.values[name] for found in (*routes.values(), in_time)]
-        print(f"{name:18} {unknown.parameter.unit:>16} " + " ".join(f"{value:10.4g}" for value in values))
-    print(f"fit of the motor angle in the time domain: {in_time.fit_percent[0]:.1f} %, {in_time.segments} segments")
+        print(
+            f"{name:18} {unknown.parameter.unit:>16} "
+            + " ".join(f"{value:10.4g}" for value in values)
+        )
+    print(
+        f"fit of the motor angle in the time domain: {in_time.fit_percent[0]:.1f} %, {in_time.segments} segments"
+    )
     picture = folder / "responses.svg"
     response_grid(data, routes["nls"]).savefig(picture)
     print(f"wrote {picture}")

@@ -28,7 +28,8 @@ from flexgen.paths.segments import Line
 from flexgen.paths.timed_segments import TimedSegment
 
 INSTANTS = 20_001  # of a motion from rest to rest, among which the middle of a line is found
-STRAIGHT = float(np.cos(np.deg2rad(1.0)))  # lines that turn by less, or reverse within it, have no corner
+# lines that turn by less, or reverse within it, have no corner
+STRAIGHT = float(np.cos(np.deg2rad(1.0)))
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,9 @@ def _lines(segment: TimedSegment) -> list[tuple[np.ndarray, np.ndarray, float]]:
     middles: dict[int, float] = {}
     passed = 0.0
     for section in curve.sections:
-        middles.setdefault(section.segment, passed if section.corner else passed + section.length / 2)
+        middles.setdefault(
+            section.segment, passed if section.corner else passed + section.length / 2
+        )
         passed += section.length
     t = np.linspace(0.0, segment.law.duration, INSTANTS)
     x = segment.law(t, 1)[:, 0]
@@ -104,7 +107,9 @@ def corner_figures(
             d = p[here] - corner.point
             across = d - (d @ corner.after)[:, None] * corner.after
             round_off.append(_nearest(d))
-            overshoot.append(float(np.linalg.norm(across[d @ outward > 0.0], axis=1).max(initial=0.0)))
+            overshoot.append(
+                float(np.linalg.norm(across[d @ outward > 0.0], axis=1).max(initial=0.0))
+            )
     if not corners:
         return {}
     return {

@@ -128,26 +128,55 @@ class PathAccuracy(Result):
             Figure("path accuracy AT", self.path_accuracy, u, f"path_accuracy_{u}"),
             Figure("path repeatability RT", self.path_repeatability, u, f"path_repeatability_{u}"),
             Figure("pose accuracy AP at the end", self.pose_accuracy, u, f"pose_accuracy_{u}"),
-            Figure("pose repeatability RP at the end", self.pose_repeatability, u, f"pose_repeatability_{u}"),
-            Figure("speed accuracy AV", self.speed_accuracy, "relative", "speed_accuracy"),
-            Figure("speed repeatability RV", self.speed_repeatability, "relative", "speed_repeatability"),
-            Figure("speed fluctuation FV", self.speed_fluctuation, f"{u}/s", f"speed_fluctuation_{u}_s"),
             Figure(
-                f"settling time into {1e3 * self.band:g} m{u}, longest", _largest(self.settling_s), "s", "settling_s"
+                "pose repeatability RP at the end",
+                self.pose_repeatability,
+                u,
+                f"pose_repeatability_{u}",
+            ),
+            Figure("speed accuracy AV", self.speed_accuracy, "relative", "speed_accuracy"),
+            Figure(
+                "speed repeatability RV",
+                self.speed_repeatability,
+                "relative",
+                "speed_repeatability",
+            ),
+            Figure(
+                "speed fluctuation FV", self.speed_fluctuation, f"{u}/s", f"speed_fluctuation_{u}_s"
+            ),
+            Figure(
+                f"settling time into {1e3 * self.band:g} m{u}, longest",
+                _largest(self.settling_s),
+                "s",
+                "settling_s",
             ),
             Figure("overshoot after the path, largest", max(self.overshoots), u, f"overshoot_{u}"),
-            Figure("stabilization time, longest", _largest(self.stabilizations_s), "s", "stabilization_s"),
+            Figure(
+                "stabilization time, longest",
+                _largest(self.stabilizations_s),
+                "s",
+                "stabilization_s",
+            ),
             Figure("drift at rest, largest", _largest(self.drifts), u, f"drift_{u}"),
-            Figure("corner round-off CR, largest", self.corner_round_off, "m", "corner_round_off_m"),
+            Figure(
+                "corner round-off CR, largest", self.corner_round_off, "m", "corner_round_off_m"
+            ),
             Figure(
                 "corner round-off of the command, largest",
                 self.corner_round_off_commanded,
                 "m",
                 "corner_round_off_commanded_m",
             ),
-            Figure("corner overshoot CO, largest", self.corner_overshoot, "m", "corner_overshoot_m"),
+            Figure(
+                "corner overshoot CO, largest", self.corner_overshoot, "m", "corner_overshoot_m"
+            ),
             *(
-                Figure(f"{label}, largest", _largest(angles and tuple(map(abs, angles))), "rad", f"{key}_max_rad")
+                Figure(
+                    f"{label}, largest",
+                    _largest(angles and tuple(map(abs, angles))),
+                    "rad",
+                    f"{key}_max_rad",
+                )
                 for label, key, angles in self._orientation()
             ),
         )
@@ -171,7 +200,14 @@ class PathAccuracy(Result):
         """Headings of `robot_rows`."""
         u = self.unit
         settled = f"settled into {1e3 * self.band:g} m{u} after, s"
-        return ("robot", f"from the path, m{u}", settled, f"overshoot, m{u}", "stabilization, s", f"drift, m{u}")
+        return (
+            "robot",
+            f"from the path, m{u}",
+            settled,
+            f"overshoot, m{u}",
+            "stabilization, s",
+            f"drift, m{u}",
+        )
 
     def robot_rows(self) -> list[tuple[str, ...]]:
         """The figures of each robot as texts."""
@@ -180,18 +216,38 @@ class PathAccuracy(Result):
             return otherwise if value is None else f"{factor * value:.4g}"
 
         return [
-            (name, text(error), text(settled, 1.0, "not settled"), text(over), text(stable, 1.0), text(drift))
+            (
+                name,
+                text(error),
+                text(settled, 1.0, "not settled"),
+                text(over),
+                text(stable, 1.0),
+                text(drift),
+            )
             for name, error, settled, over, stable, drift in self._each()
         ]
 
     def _each(self) -> list[tuple[Any, ...]]:
-        rows = (self.path_errors, self.settling_s, self.overshoots, self.stabilizations_s, self.drifts)
+        rows = (
+            self.path_errors,
+            self.settling_s,
+            self.overshoots,
+            self.stabilizations_s,
+            self.drifts,
+        )
         return list(zip(self.robots, *rows, strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """The figures as JSON types, SI units, the angles about x, y, z, and the figures of each robot."""
         u = self.unit
-        keys = ("robot", f"path_error_{u}", "settling_s", f"overshoot_{u}", "stabilization_s", f"drift_{u}")
+        keys = (
+            "robot",
+            f"path_error_{u}",
+            "settling_s",
+            f"overshoot_{u}",
+            "stabilization_s",
+            f"drift_{u}",
+        )
         return {
             f"band_{u}": self.band,
             **{figure.key: figure.value for figure in self.figures()},
@@ -256,7 +312,10 @@ def path_accuracy(
         passing = [_passing(time, reference, commanded, moving, p) for p in attained]
     if passing and reference.shape[1] > 1:  # of one axis every robot is on the path
         d = np.array(
-            [_offsets(time, reference, commanded, moving, *each) for each in zip(attained, passing, strict=True)]
+            [
+                _offsets(time, reference, commanded, moving, *each)
+                for each in zip(attained, passing, strict=True)
+            ]
         )
         at, rt = _accuracy_and_repeatability(d)
         errors = tuple(float(x) for x in np.linalg.norm(d, axis=2).max(axis=1))
@@ -284,7 +343,11 @@ def path_accuracy(
 
 
 def _passing(
-    time: np.ndarray, reference: np.ndarray, commanded: np.ndarray, moving: np.ndarray, p: np.ndarray
+    time: np.ndarray,
+    reference: np.ndarray,
+    commanded: np.ndarray,
+    moving: np.ndarray,
+    p: np.ndarray,
 ) -> np.ndarray:
     """Times (points,) [s] at which a robot passes the planes normal to the path at the samples that move.
 
@@ -294,7 +357,8 @@ def _passing(
     speed = np.linalg.norm(commanded[moving], axis=1)
     tangent, t = commanded[moving] / speed[:, None], time[moving].copy()
     turns = np.arccos(np.clip((tangent[1:] * tangent[:-1]).sum(axis=1), -1.0, 1.0))
-    at = np.clip(np.cumsum(moving) - 1, 0, None)  # of the last sample that moves; of the first before it
+    # of the last sample that moves; of the first before it
+    at = np.clip(np.cumsum(moving) - 1, 0, None)
     turned = np.concatenate([[0.0], np.cumsum(turns)])
     first = np.searchsorted(turned[at], turned - TURN, "left")
     last = np.searchsorted(turned[at], turned + TURN, "right") - 1
@@ -306,7 +370,12 @@ def _passing(
 
 
 def _offsets(
-    time: np.ndarray, reference: np.ndarray, commanded: np.ndarray, moving: np.ndarray, p: np.ndarray, t: np.ndarray
+    time: np.ndarray,
+    reference: np.ndarray,
+    commanded: np.ndarray,
+    moving: np.ndarray,
+    p: np.ndarray,
+    t: np.ndarray,
 ) -> np.ndarray:
     """Offsets (points, k) where a robot passes these planes at the times ``t``."""
     tangent = commanded[moving] / np.linalg.norm(commanded[moving], axis=1)[:, None]
@@ -320,7 +389,11 @@ def _between(t: np.ndarray, time: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _orientation_figures(
-    time: np.ndarray, R_ref: np.ndarray, R: np.ndarray, moving: np.ndarray, passing: list[np.ndarray]
+    time: np.ndarray,
+    R_ref: np.ndarray,
+    R: np.ndarray,
+    moving: np.ndarray,
+    passing: list[np.ndarray],
 ) -> dict[str, Angles | None]:
     """Figures of the angles about the world axes, on the planes that robots pass, and at the end."""
 
@@ -335,7 +408,12 @@ def _orientation_figures(
     found["orientation_repeatability"] = of(3.0 * last.std(axis=0, ddof=1)) if several else None
     if passing:
         each = zip(passing, R, strict=True)
-        on = np.array([angles(_between(t, time, x.reshape(-1, 9)).reshape(-1, 3, 3), R_ref[moving]) for t, x in each])
+        on = np.array(
+            [
+                angles(_between(t, time, x.reshape(-1, 9)).reshape(-1, 3, 3), R_ref[moving])
+                for t, x in each
+            ]
+        )
         found["orientation_path_accuracy"] = of(np.abs(on.mean(axis=0)).max(axis=0))
         if several:
             found["orientation_path_repeatability"] = of(3.0 * on.std(axis=0, ddof=1).max(axis=0))
@@ -361,7 +439,11 @@ def _speed_figures(
     v = np.linalg.norm(np.gradient(attained, time, axis=1), axis=2)[:, cruise]
     v_c, of_each = float(commanded[cruise].mean()), v.mean(axis=1)
     spread = 3.0 * float(of_each.std(ddof=1)) / v_c if len(v) > 1 else None
-    return float(of_each.mean()) / v_c - 1.0, spread, float(np.ptp(v - commanded[cruise], axis=1).max())
+    return (
+        float(of_each.mean()) / v_c - 1.0,
+        spread,
+        float(np.ptp(v - commanded[cruise], axis=1).max()),
+    )
 
 
 def _settle(

@@ -14,7 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from flexgen.analysis.describing_functions import average_coulomb, average_hysteresis, average_spring
+from flexgen.analysis.describing_functions import (
+    average_coulomb,
+    average_hysteresis,
+    average_spring,
+)
 from flexgen.analysis.gear_changes import Changes, Linearization, fit_changes
 
 SAME = 2.0  # mean square of a difference over its noise, up to which responses are the same
@@ -23,9 +27,11 @@ LEAST_SHARE = 0.5  # of the differences that a cause must explain to be named
 INEXACT = 0.05  # error of describing functions, as a part of the changes
 LEAST = 2e-3  # changes that are too small to be judged, in the units of `Linearization`
 DISTORTION_SD = 0.5  # of the logarithm of a ratio of distortions
-ALIKE = 6.0  # difference of costs, -2 log of the likelihood, of causes that the data do not distinguish
+# difference of costs, -2 log of the likelihood, of causes that the data do not distinguish
+ALIKE = 6.0
 SOFTEST = 0.05  # stiffness over that of the model
-SPRINGS = {"backlash": -1.0, "cubic": 1.0}  # sign of the change of the distortion with the amplitude
+# sign of the change of the distortion with the amplitude
+SPRINGS = {"backlash": -1.0, "cubic": 1.0}
 PART = 0.2  # of the largest effect of a cause, below which a gear is not named
 
 
@@ -175,7 +181,9 @@ def compare(levels: Sequence[Level]) -> Comparison:
         return replace(none, changes=changes)
     motions, deflection, speed = _motions(levels, fits)
     causes = sorted((_rate(law, moved, motions) for law in LAWS), key=lambda cause: cause.cost)
-    doubted = _contradicted(causes[0].law, moved.distortion, np.array([m.deflection.mean() for m in motions]))
+    doubted = _contradicted(
+        causes[0].law, moved.distortion, np.array([m.deflection.mean() for m in motions])
+    )
     near = [c for c in causes if c.cost < causes[0].cost + ALIKE or (doubted and c.law in SPRINGS)]
     likely = tuple(c for c in near if c.share >= LEAST_SHARE)
     return Comparison(ratio, size, changes, likely, deflection, first.model.units[3] * speed)
@@ -213,7 +221,9 @@ def _fit_all(levels: Sequence[Level]) -> list[list[Changes]]:
     return out
 
 
-def _motions(levels: Sequence[Level], fits: Sequence[Sequence[Changes]]) -> tuple[list[Motion], np.ndarray, np.ndarray]:
+def _motions(
+    levels: Sequence[Level], fits: Sequence[Sequence[Changes]]
+) -> tuple[list[Motion], np.ndarray, np.ndarray]:
     """The motions at all levels, and the units of deflections and speeds: their means at the first level."""
     g = len(levels[0].model.stiffness)
     sizes = []
@@ -222,7 +232,11 @@ def _motions(levels: Sequence[Level], fits: Sequence[Sequence[Changes]]) -> tupl
         sizes.append((level.sd / np.maximum(stiffness, SOFTEST), level.speed_sd))
     deflection, speed = (part.mean(axis=0) for part in sizes[0])
     pairs = zip(levels, sizes, strict=True)
-    return [Motion(d / deflection, v / speed, level.mean / deflection) for level, (d, v) in pairs], deflection, speed
+    return (
+        [Motion(d / deflection, v / speed, level.mean / deflection) for level, (d, v) in pairs],
+        deflection,
+        speed,
+    )
 
 
 def _differences(fits: Sequence[Sequence[Changes]]) -> Differences:
@@ -264,7 +278,9 @@ def _rate(law: Law, moved: Differences, motions: Sequence[Motion]) -> Nonlineari
     by = size[3 * g :] if law.of_motors else np.maximum(size[:g], size[g : 2 * g])
     numbers = {j: tuple(z[:, j].tolist()) for j in range(shape[1]) if by[j] > PART * by.max()}
     share = 1 - left / float((moved.weigh(moved.x) ** 2).sum())
-    return Nonlinearity(law.name, share, numbers, 2 * float(best.cost) + z.size * float(np.log(moved.x.size)))
+    return Nonlinearity(
+        law.name, share, numbers, 2 * float(best.cost) + z.size * float(np.log(moved.x.size))
+    )
 
 
 def _spring_effects(
@@ -278,7 +294,10 @@ def _spring_effects(
     def effects(z: np.ndarray, motions: Sequence[Motion]) -> list[Effect]:
         unit = np.ones(z.shape[1])
         for _ in range(2):  # the mean torque over the stiffness of the linear part
-            found = [average_spring(lambda d: torque(z[0][:, None], d), m.torque / unit, m.deflection) for m in motions]
+            found = [
+                average_spring(lambda d: torque(z[0][:, None], d), m.torque / unit, m.deflection)
+                for m in motions
+            ]
             unit = 1 / np.maximum(found[0][0].mean(axis=0), 1e-3)
         zero = np.zeros_like(motions[0].speed)
         return [Effect(unit * N, 0 * N, zero, e) for N, e in found]
@@ -293,7 +312,10 @@ def _hysteresis_effects(z: np.ndarray, motions: Sequence[Motion]) -> list[Effect
 
 def _coulomb_effects(z: np.ndarray, motions: Sequence[Motion]) -> list[Effect]:
     zeros = [0 * m.deflection for m in motions]
-    return [Effect(zero, zero, z[0] * average_coulomb(m.speed)) for m, zero in zip(motions, zeros, strict=True)]
+    return [
+        Effect(zero, zero, z[0] * average_coulomb(m.speed))
+        for m, zero in zip(motions, zeros, strict=True)
+    ]
 
 
 LAWS = (
@@ -305,5 +327,10 @@ LAWS = (
         ((0.05,), (0.2,), (0.8,)),
     ),
     Law("cubic", _spring_effects(lambda c, d: d + c / 3 * d**3), ((0.0, 30.0),), ((0.05,), (0.5,))),
-    Law("hysteresis", _hysteresis_effects, ((0.0, 5.0), (0.02, 5.0)), ((0.3, 0.2), (0.3, 0.6), (0.3, 1.5))),
+    Law(
+        "hysteresis",
+        _hysteresis_effects,
+        ((0.0, 5.0), (0.02, 5.0)),
+        ((0.3, 0.2), (0.3, 0.6), (0.3, 1.5)),
+    ),
 )

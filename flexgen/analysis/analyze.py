@@ -64,7 +64,11 @@ class Analysis(Result):
 
     def __repr__(self) -> str:
         low = f"lowest mode {self.modes[0][0]:.4g} Hz, " if self.modes else ""
-        index = f", structural index {self.structural_index}" if self.structural_index is not None else ""
+        index = (
+            f", structural index {self.structural_index}"
+            if self.structural_index is not None
+            else ""
+        )
         phase = "no verdict on the zeros" if self.zeros.phase == "none" else self.zeros.phase
         return f"<Analysis {self.model.title}: {low}{phase}{index}>"
 
@@ -115,7 +119,9 @@ class Analysis(Result):
             "solvability": self.solvability.to_dict(),
             "compliance": None if self.compliance is None else self.compliance.to_dict(),
             "zeros_along_path": None if self.zero_path is None else self.zero_path.to_dict(),
-            "solvability_along_path": None if self.solvability_path is None else self.solvability_path.to_dict(),
+            "solvability_along_path": None
+            if self.solvability_path is None
+            else self.solvability_path.to_dict(),
         }
 
 
@@ -156,14 +162,20 @@ def analyze(
     '0.068 Hz'
     """
     if path is not None and not callable(getattr(path, "sample", None)):
-        raise ArgumentError(f"path: given {path!r}, expected a flexgen.Path, such as flexgen.plan(model, move) returns")
+        raise ArgumentError(
+            f"path: given {path!r}, expected a flexgen.Path, such as flexgen.plan(model, move) returns"
+        )
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
     try:
         values = np.array(robot.home if pose is None else pose, dtype=float)
     except (TypeError, ValueError):
         raise ArgumentError(f"pose: given {pose!r}, expected a sequence of numbers") from None
-    if values.ndim != 1 or len(values) not in (robot.n_a, robot.n_g) or not np.isfinite(values).all():
+    if (
+        values.ndim != 1
+        or len(values) not in (robot.n_a, robot.n_g)
+        or not np.isfinite(values).all()
+    ):
         names = ", ".join(c.name for c in robot.coordinates)
         raise ArgumentError(
             f"pose: given {values.tolist()}, expected {robot.n_a} finite numbers ({names}) "
@@ -192,5 +204,7 @@ def analyze(
         solvability=solvability(equations, equilibrium, linear),
         compliance=tool_compliance(equations, equilibrium, linear),
         zero_path=None if path is None else zero_path(equations, path, poses),
-        solvability_path=solvability_path(equations, path, poses) if path is not None and simple else None,
+        solvability_path=solvability_path(equations, path, poses)
+        if path is not None and simple
+        else None,
     )

@@ -48,7 +48,9 @@ class ArmLinearization:
         try:
             S = held_motions(self.model, self.W)
         except np.linalg.LinAlgError:
-            raise SolverError("the output does not determine the actuated coordinates: a singular pose") from None
+            raise SolverError(
+                "the output does not determine the actuated coordinates: a singular pose"
+            ) from None
         A, D, K = (X[:, list(self.model.i_e)] @ S for X in (self.M, self.D, self.K))
         return A, D, K
 
@@ -84,7 +86,9 @@ def arm_linearization(equations: Equations, q: np.ndarray) -> ArmLinearization:
     jacobians = [ca.substitute(ca.densify(ca.jacobian(rows, x)), v, still) for x in (v, symbol)]
     load = ca.substitute(static, v, still)
     M = equations.function("mass_matrix")(symbol)
-    function = ca.Function("linearization", [symbol], [ca.densify(M), *jacobians, output_map(equations).rate, load])
+    function = ca.Function(
+        "linearization", [symbol], [ca.densify(M), *jacobians, output_map(equations).rate, load]
+    )
     n = len(q)
     M, D, K, W, load = (x.reshape(n, -1, model.n_a) for x in evaluate(function, q))
     M = M.copy()

@@ -23,7 +23,8 @@ from flexgen.mechanics.statics import Equilibrium
 from flexgen.numerics.evaluate import evaluate
 
 NEAR = np.linspace(-3.0, 3.0, 61)  # half widths of a resonance about which it is sampled
-RANGE = (0.05, 3.0)  # of the frequencies, in parts of the lowest and the highest natural frequency with held motors
+# of the frequencies, in parts of the lowest and the highest natural frequency with held motors
+RANGE = (0.05, 3.0)
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,9 @@ class ToolCompliance:
     def response(self, frequency: np.ndarray) -> np.ndarray:
         """``C(f)`` (k, 6, 6), complex, at the frequencies (k,) [Hz]."""
         s = 2j * np.pi * np.asarray(frequency)[:, None, None]
-        return np.asarray(self.J @ np.linalg.solve(s**2 * self.M + s * self.D + self.K, self.J.T[None]))
+        return np.asarray(
+            self.J @ np.linalg.solve(s**2 * self.M + s * self.D + self.K, self.J.T[None])
+        )
 
     @cached_property
     def frequencies(self) -> np.ndarray:
@@ -83,7 +86,11 @@ class ToolCompliance:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units."""
-        (moved, along), (turned, about), peak = self.principal(), self.principal(rotation=True), self.resonance()
+        (moved, along), (turned, about), peak = (
+            self.principal(),
+            self.principal(rotation=True),
+            self.resonance(),
+        )
         return {
             "matrix": self.matrix.tolist(),
             "principal_m_per_N": moved.tolist(),
@@ -95,12 +102,16 @@ class ToolCompliance:
         }
 
 
-def tool_compliance(equations: Equations, rest: Equilibrium, linear: LinearModel) -> ToolCompliance | None:
+def tool_compliance(
+    equations: Equations, rest: Equilibrium, linear: LinearModel
+) -> ToolCompliance | None:
     """The compliance of the tool at rest; None where held motors do not hold the arm, as within a backlash."""
     model = equations.model
     free = with_motors_locked(model)
     J = np.zeros((6, model.dof))
-    J[:, : model.n_a] = evaluate(equations.function("jacobian"), rest.q_a)[0][0].reshape(6, model.n_a)
+    J[:, : model.n_a] = evaluate(equations.function("jacobian"), rest.q_a)[0][0].reshape(
+        6, model.n_a
+    )
     M, D, K = (matrix[np.ix_(free, free)] for matrix in (linear.M, linear.D, linear.K))
     if len(free) and np.linalg.eigvalsh((K + K.T) / 2)[0] <= 1e-9 * np.abs(K).max():
         return None

@@ -37,7 +37,9 @@ def control_system(analysis: Analysis, units: bool = False) -> Any:
     A, B = linear.state_space()
     C = np.vstack([linear.W, linear.C_m])
     motors = [motor.name for motor in model.motors]
-    positions = [f"q_a[{c.name}]" for c in model.coordinates] + [f"q_m[{motors[j]}]" for j in model.i_m]
+    positions = [f"q_a[{c.name}]" for c in model.coordinates] + [
+        f"q_m[{motors[j]}]" for j in model.i_m
+    ]
     labels = list(output_labels(model)["y_ref"])
     if model.output.type == "tool_pose":
         labels += [f"rot_{axis}" for axis in "xyz"]
@@ -55,6 +57,9 @@ def control_system(analysis: Analysis, units: bool = False) -> Any:
             "inputs": ["N m"] * len(motors),
             "outputs": [*of_y, *["rad"] * len(motors)],
         }
-        names = {key: [f"{n} {u}" for n, u in zip(words, of[key], strict=True)] for key, words in names.items()}
+        names = {
+            key: [f"{n} {u}" for n, u in zip(words, of[key], strict=True)]
+            for key, words in names.items()
+        }
     D = np.zeros((len(C), B.shape[1]))
     return control.ss(A, B, np.hstack([C, np.zeros_like(C)]), D, name=model.name, **names)

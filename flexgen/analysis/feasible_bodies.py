@@ -47,7 +47,9 @@ class Feasible:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Derivatives of `pi`, block diagonal."""
-        blocks = evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10) * self._unit[:, None]
+        blocks = (
+            evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10) * self._unit[:, None]
+        )
         out = np.zeros((10 * self.bodies, 10 * self.bodies))
         for k, block in enumerate(blocks):
             out[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
@@ -89,7 +91,8 @@ def body_of(row: np.ndarray) -> Body:
     m, h = row[0], row[1:4]
     c = h / m
     xx, yy, zz, xy, yz, xz = row[4:]
-    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    about_frame = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    I = about_frame - m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
     return Body(float(m), tuple(c.tolist()), tuple(map(tuple, I.tolist())))
 
 
@@ -104,6 +107,8 @@ def scales(pi: np.ndarray) -> np.ndarray:
     """Typical sizes of the ten numbers of each body: mass, mass x length, mass x length^2."""
     unit, rows = units(pi), pi.reshape(-1, 10)
     mass, least = rows[:, 0], (LEAST_LENGTH * unit[1] / unit[0]) ** 2
-    length = np.sqrt(np.maximum(rows[:, 4:7].sum(axis=1) / np.where(mass > 0, 2 * mass, np.inf), least))
+    length = np.sqrt(
+        np.maximum(rows[:, 4:7].sum(axis=1) / np.where(mass > 0, 2 * mass, np.inf), least)
+    )
     out = mass[:, None] * length[:, None] ** np.repeat([0, 1, 2], [1, 3, 6])
     return np.asarray(np.maximum(out, LEAST * unit)).ravel()

@@ -37,6 +37,9 @@ def is_possible(
         rotor = motor.inertia * np.abs(model.eta[j]).max() * (np.arange(count) == 3)
         for k in (0, 1, 3, *[count - 2] * bool(fades[j])):
             here, sd = (numbers[j] + rotor)[k], np.sqrt(covariance[j * count + k, j * count + k])
-            if here < -DOUBT * sd and -here * np.sqrt(np.mean(columns[:, j, k] ** 2)) > SMALL * torque[j]:
+            if (
+                here < -DOUBT * sd
+                and -here * np.sqrt(np.mean(columns[:, j, k] ** 2)) > SMALL * torque[j]
+            ):
                 return False
     return True

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-LARGEST = (2.0, 0.5, 0.5, 5.0)  # standard deviations of the prior of k, h, d, v, in the units of `Linearization`
+# standard deviations of the prior of k, h, d, v, in the units of `Linearization`
+LARGEST = (2.0, 0.5, 0.5, 5.0)
 FLOOR = 0.03  # error of responses, as a part of their size, where the search begins
 LEAST = 1e-3  # the same, where it ends
 SMOOTHED = 9  # lines over which the error that is left is averaged
@@ -59,7 +60,12 @@ class Linearization:
     @property
     def units(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of the changes k, h, d (g,) and v (n_m,)."""
-        return self.stiffness, self.stiffness, self.stiffness / self.frequency, self.inertia * self.frequency
+        return (
+            self.stiffness,
+            self.stiffness,
+            self.stiffness / self.frequency,
+            self.inertia * self.frequency,
+        )
 
     @property
     def prior(self) -> np.ndarray:
@@ -107,7 +113,9 @@ class Changes:
     distortion: float
 
 
-def fit_changes(model: Linearization, pose: int, G: np.ndarray, variance: np.ndarray, start: np.ndarray) -> Changes:
+def fit_changes(
+    model: Linearization, pose: int, G: np.ndarray, variance: np.ndarray, start: np.ndarray
+) -> Changes:
     """The changes for which the model has the measured responses at a pose.
 
     Parameters
@@ -133,7 +141,8 @@ def fit_changes(model: Linearization, pose: int, G: np.ndarray, variance: np.nda
             return np.vstack([J.real, J.imag, np.diag(1 / prior)])
 
         found = least_squares(residual, x, derivative, x_scale=prior)
-        x, information = found.x, 2 * found.jac.T @ found.jac  # the parts of a complex residual have the variance 1/2
+        # the parts of a complex residual have the variance 1/2
+        x, information = found.x, 2 * found.jac.T @ found.jac
         left = np.abs(model.response(pose, x) - G) ** 2 - variance
         extra = np.maximum(_smooth(left), LEAST**2 * size)
     distortion = float(np.sqrt(max(np.median(_smooth(left) / size), 0.0)))
@@ -143,4 +152,6 @@ def fit_changes(model: Linearization, pose: int, G: np.ndarray, variance: np.nda
 def _smooth(x: np.ndarray) -> np.ndarray:
     """Means over neighboring lines, axis 0; fewer at the ends."""
     half = SMOOTHED // 2
-    return np.array([x[max(0, line - half) : line + half + 1].mean(axis=0) for line in range(len(x))])
+    return np.array(
+        [x[max(0, line - half) : line + half + 1].mean(axis=0) for line in range(len(x))]
+    )

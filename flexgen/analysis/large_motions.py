@@ -23,7 +23,8 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.sensors import sensor_signals
 from flexgen.numerics.evaluate import Evaluator, evaluate
 
-OVERSAMPLING = 4  # samples in a period over the highest line: products of three lines do not fall on lines
+# samples in a period over the highest line: products of three lines do not fall on lines
+OVERSAMPLING = 4
 STEPS = 2
 
 
@@ -42,21 +43,30 @@ class LargeMotions:
     """
 
     def __init__(
-        self, equations: Equations, values: np.ndarray, channels: list[int], compiled: Callable[..., ca.Function]
+        self,
+        equations: Equations,
+        values: np.ndarray,
+        channels: list[int],
+        compiled: Callable[..., ca.Function],
     ) -> None:
         y, n = equations.y, equations.model.dof
         signals = sensor_signals(equations)[channels] if channels else ca.SX(0, 1)
-        left, signals = ca.substitute([equations.left, signals], [equations.symbols], [ca.SX(ca.DM(values))])
+        left, signals = ca.substitute(
+            [equations.left, signals], [equations.symbols], [ca.SX(ca.DM(values))]
+        )
         functions = (ca.Function("along", [*y], [ca.densify(ca.cse(x))]) for x in (left, signals))
         self._left, self._signals = (compiled(function) for function in functions)
         still = [
-            ca.densify(ca.substitute(ca.jacobian(left, x), ca.vertcat(*y[1:]), ca.SX.zeros(2 * n))) for x in y[::2]
+            ca.densify(ca.substitute(ca.jacobian(left, x), ca.vertcat(*y[1:]), ca.SX.zeros(2 * n)))
+            for x in y[::2]
         ]
         self._at_rest = ca.Function("at_rest", [y[0]], still)  # derivatives in y and y''
         self._motor_rows, self._sensed = motor_rows(equations.model), bool(channels)
         self._many: dict[tuple[ca.Function, int], Evaluator] = {}
 
-    def _along(self, function: ca.Function, rest: np.ndarray, motion: list[np.ndarray]) -> np.ndarray:
+    def _along(
+        self, function: ca.Function, rest: np.ndarray, motion: list[np.ndarray]
+    ) -> np.ndarray:
         """A function along the motion y, y', y'' (points, n) less its value at rest, (points, rows)."""
         key = function, len(motion[0])
         if key not in self._many:
@@ -66,7 +76,13 @@ class LargeMotions:
         return np.asarray(moved - evaluate(function, rest[None], zero, zero)[0])
 
     def outputs(
-        self, rest: np.ndarray, lines: np.ndarray, speed: float, Z: np.ndarray, held: np.ndarray, linear: np.ndarray
+        self,
+        rest: np.ndarray,
+        lines: np.ndarray,
+        speed: float,
+        Z: np.ndarray,
+        held: np.ndarray,
+        linear: np.ndarray,
     ) -> np.ndarray:
         """Amplitudes of motor angles and signals at the lines, (lines, outputs, experiments).
 
@@ -108,4 +124,6 @@ class LargeMotions:
         angles = self._motor_rows @ amplitudes[lines].swapaxes(1, 2)
         if not self._sensed:
             return np.asarray(angles)
-        return np.concatenate([angles, spectrum(self._along(self._signals, rest, motion()))[lines]], axis=1)
+        return np.concatenate(
+            [angles, spectrum(self._along(self._signals, rest, motion()))[lines]], axis=1
+        )

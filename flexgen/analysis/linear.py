@@ -18,7 +18,8 @@ from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.numerics.evaluate import evaluate
 
-SPREAD = 1e7  # of the fastest pole over typical ones, from which on slow ones are computed by themselves
+# of the fastest pole over typical ones, from which on slow ones are computed by themselves
+SPREAD = 1e7
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,9 @@ def mean_viscous_change(
     """
     w, x = ca.SX.sym("w"), ca.SX.sym("load")
     torque = friction_torque(friction, w, x, temperature)
-    others = [each for each in ca.symvar(torque) if not (ca.is_equal(each, w) or ca.is_equal(each, x))]
+    others = [
+        each for each in ca.symvar(torque) if not (ca.is_equal(each, w) or ca.is_equal(each, x))
+    ]
     law = ca.Function("law", [w, x, *others], [torque, ca.gradient(torque, w)])
     rest = ca.SX(0) if load is None else load
     still = law(0.0, rest, *others)[1]
@@ -51,7 +53,8 @@ def _mean_load(friction: Friction, load: ca.SX, sd: ca.SX) -> ca.SX:
     s, size = friction.load_smoothing, ca.SX(0)
     for node, weight in zip(*_half_normal(), strict=True):
         size += weight * (ca.hypot(load + sd * node, s) + ca.hypot(load - sd * node, s)) / 2
-    return ca.sqrt(ca.fmax(size**2 - s**2, 0) + (1e-9 * s) ** 2)  # (the root has no derivative at 0)
+    # (the root has no derivative at 0)
+    return ca.sqrt(ca.fmax(size**2 - s**2, 0) + (1e-9 * s) ** 2)
 
 
 def normal_nodes() -> tuple[np.ndarray, np.ndarray]:

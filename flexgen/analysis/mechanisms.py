@@ -10,17 +10,23 @@ import numpy as np
 from flexgen.model.elements import LinearSpring, RobotModel
 from flexgen.model.inertia import mass_matrix
 
-REGULAR = 1e-9  # least eigenvalue of an inertia matrix scaled to unit diagonal with which other programs compute
+# least eigenvalue of an inertia matrix scaled to unit diagonal with which other programs compute
+REGULAR = 1e-9
 
 
 def mechanisms(model: RobotModel) -> dict[str, dict[str, float]]:
     """Axes that a mechanism moves: the factors of the coordinates that they follow."""
-    return {dof.name: dict(dof.mimic) for element in model.elements for dof in element.dofs if dof.mimic}
+    return {
+        dof.name: dict(dof.mimic) for element in model.elements for dof in element.dofs if dof.mimic
+    }
 
 
 def lengths_of_mechanisms(model: RobotModel) -> dict[str, dict[str, float]]:
     """The sums of axes that mechanisms keep at zero, by the axis that is moved."""
-    return {name: {name: 1.0} | {joint: -x for joint, x in own.items()} for name, own in mechanisms(model).items()}
+    return {
+        name: {name: 1.0} | {joint: -x for joint, x in own.items()}
+        for name, own in mechanisms(model).items()
+    }
 
 
 def held_axes(model: RobotModel) -> tuple[dict[str, float], str]:
@@ -40,7 +46,12 @@ def held_axes(model: RobotModel) -> tuple[dict[str, float], str]:
     if not lengths:
         return {}, ""
     free = tuple(
-        replace(e, dofs=tuple(replace(d, mimic=(), spring=LinearSpring(0.0)) if d.mimic else d for d in e.dofs))
+        replace(
+            e,
+            dofs=tuple(
+                replace(d, mimic=(), spring=LinearSpring(0.0)) if d.mimic else d for d in e.dofs
+            ),
+        )
         for e in model.elements
     )
     robot = replace(model, elements=free)

@@ -18,7 +18,10 @@ def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
     for e, element in enumerate(model.elements):
         new = []
         if element.body.mass > 0 and all(dof.gear is None for dof in element.dofs):
-            new = [(len(element.dofs), f"{element.name}_{'xyz'[k]}", axis) for k, axis in enumerate(np.eye(3))]
+            new = [
+                (len(element.dofs), f"{element.name}_{'xyz'[k]}", axis)
+                for k, axis in enumerate(np.eye(3))
+            ]
         for at, dof in enumerate(element.dofs):
             if dof.gear is None:
                 continue
@@ -29,7 +32,9 @@ def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
         for at, name, axis in new:
             if any(abs(float(np.dot(each, axis))) > 0.99 for each in there):
                 continue
-            added = Dof(name, "rotation", tuple(axis.tolist()), spring=LinearSpring(1.0), damping=1.0)
+            added = Dof(
+                name, "rotation", tuple(axis.tolist()), spring=LinearSpring(1.0), damping=1.0
+            )
             changed = replace(element, dofs=(*element.dofs[:at], added, *element.dofs[at:]))
             elements = (*model.elements[:e], changed, *model.elements[e + 1 :])
             out.append((added, replace(model, elements=elements)))
@@ -46,7 +51,9 @@ def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def without(model: RobotModel, name: str) -> RobotModel:
     """The model with a coordinate without motor stiff: left out."""
-    elements = tuple(replace(e, dofs=tuple(dof for dof in e.dofs if dof.name != name)) for e in model.elements)
+    elements = tuple(
+        replace(e, dofs=tuple(dof for dof in e.dofs if dof.name != name)) for e in model.elements
+    )
     return replace(model, elements=elements)
 
 
@@ -56,7 +63,8 @@ def with_spring(model: RobotModel, name: str, stiffness: float, damping: float) 
         replace(
             e,
             dofs=tuple(
-                replace(d, spring=LinearSpring(stiffness), damping=damping) if d.name == name else d for d in e.dofs
+                replace(d, spring=LinearSpring(stiffness), damping=damping) if d.name == name else d
+                for d in e.dofs
             ),
         )
         for e in model.elements

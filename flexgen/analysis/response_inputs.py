@@ -55,7 +55,9 @@ class Drive:
     def images(self) -> np.ndarray:
         """Distances ``2 pi i/T`` (images,) [rad/s] of the images, the nearest first."""
         held = self.sample_s > 0 and self.has_images
-        return np.array([2 * np.pi * i / self.sample_s for k in range(1, IMAGES + 1) for i in (k, -k) if held])
+        return np.array(
+            [2 * np.pi * i / self.sample_s for k in range(1, IMAGES + 1) for i in (k, -k) if held]
+        )
 
 
 def with_drive(drive: Drive, changes: Mapping[str, float], motors: Sequence[str]) -> Drive:
@@ -63,7 +65,11 @@ def with_drive(drive: Drive, changes: Mapping[str, float], motors: Sequence[str]
     constants = list(drive.torque_constants or (1.0,) * len(motors))
     for j, name in enumerate(motors):
         constants[j] = changes.get(f"{name}.torque_constant", constants[j])
-    late = {name.removesuffix(".delay"): value for name, value in changes.items() if name.endswith(".delay")}
+    late = {
+        name.removesuffix(".delay"): value
+        for name, value in changes.items()
+        if name.endswith(".delay")
+    }
     delays = {**drive.sensor_delays, **late}
     delay_s = changes.get("delay", drive.delay_s)
     return replace(drive, delay_s=delay_s, torque_constants=tuple(constants), sensor_delays=delays)

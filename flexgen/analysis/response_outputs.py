@@ -45,14 +45,20 @@ def check_channels(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
     known = channels(model)
     for name in chosen:
         if name not in known:
-            listed = f"one of {', '.join(known)}" if known else "none: the model file has no [[sensor]]"
+            listed = (
+                f"one of {', '.join(known)}" if known else "none: the model file has no [[sensor]]"
+            )
             raise ArgumentError(f"sensor channel: given {name!r}, expected {listed}")
     return tuple(chosen)
 
 
 def noises(model: RobotModel, chosen: Sequence[str]) -> np.ndarray:
     """Standard deviation of a sample of each channel, SI units."""
-    known = {c: sd for sensor in model.sensors for c, sd in zip(sensor.channels, sensor.noises, strict=True)}
+    known = {
+        c: sd
+        for sensor in model.sensors
+        for c, sd in zip(sensor.channels, sensor.noises, strict=True)
+    }
     return np.array([known[name] for name in chosen])
 
 
@@ -73,7 +79,8 @@ class OutputRows:
         self._index = [channels(model).index(name) for name in self.names]
         self.orders = output_orders(model, self.names)
         late = {name: sensor for sensor in model.sensors for name in sensor.channels}
-        self.sensors = ("",) * model.n_m + tuple(late[name].name for name in self.names)  # of each output
+        # of each output
+        self.sensors = ("",) * model.n_m + tuple(late[name].name for name in self.names)
         self.delays = np.array([0.0] * model.n_m + [late[name].delay_s for name in self.names])
         self._equations = equations
 
@@ -99,14 +106,20 @@ class OutputRows:
         signals = sensor_signals(e)[self._index]
         still = ca.vertcat(dy, ddy)
         zero = ca.SX.zeros(still.numel())
-        rows = [ca.densify(ca.substitute(ca.jacobian(signals, x), still, zero)) for x in (ddy, dy, y)]
-        torques = {sensor.name: sensor.place for sensor in model.sensors if sensor.type == "joint_torque"}
+        rows = [
+            ca.densify(ca.substitute(ca.jacobian(signals, x), still, zero)) for x in (ddy, dy, y)
+        ]
+        torques = {
+            sensor.name: sensor.place for sensor in model.sensors if sensor.type == "joint_torque"
+        }
         for c, name in enumerate(self.names):
             if name in torques:
                 i = [coordinate.name for coordinate in model.coordinates].index(torques[name])
                 dof = e.with_symbols.coordinates[i].dof
                 if dof is not None and not is_linear(dof.friction):
-                    rows[1][c, i] += mean_viscous_change(dof.friction, speed_sd[i], model.temperature)
+                    rows[1][c, i] += mean_viscous_change(
+                        dof.friction, speed_sd[i], model.temperature
+                    )
         stacked = ca.vertcat(*[ca.vec(row) for row in rows])
         by = [ca.densify(ca.jacobian(stacked, x)) for x in (y, e.symbols)]
         return ca.Function("rows", [y, e.symbols, speed_sd], [*rows, *by])
@@ -142,5 +155,6 @@ class OutputRows:
             *found, by_y, by_p = evaluate(self._function, y, values, speed_sd)
             rows[:, :, n_m:] = np.stack([x.reshape(k, c, n) for x in found], axis=1)
             change = by_y.reshape(k, 3 * n * c, n) @ dy + by_p.reshape(k, 3 * n * c, -1)
-            drows[:, :, n_m:] = change.reshape(k, 3, n, c, -1).swapaxes(2, 3)  # CasADi stacks columns: (3, n, channels)
+            # CasADi stacks columns: (3, n, channels)
+            drows[:, :, n_m:] = change.reshape(k, 3, n, c, -1).swapaxes(2, 3)
         return rows, drows

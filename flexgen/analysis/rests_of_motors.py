@@ -37,7 +37,9 @@ Filter = Callable[[np.ndarray], np.ndarray]
 
 def largest_of_unit(model: RobotModel, speed: np.ndarray) -> np.ndarray:
     """Largest speed (n_m,) of motors whose joint has the same unit; ``speed`` (n, n_m) [rad/s or m/s, of joints]."""
-    units = np.array([model.coordinates[model.i_g[i]].unit for i in np.abs(model.eta).argmax(axis=1)])
+    units = np.array(
+        [model.coordinates[model.i_g[i]].unit for i in np.abs(model.eta).argmax(axis=1)]
+    )
     top = np.abs(speed).max(axis=0)
     return np.array([top[units == unit].max() for unit in units])
 
@@ -88,7 +90,9 @@ class Rests:
                 begin = max(0, int(some[0] - cell) - reach) // every * every
                 at = np.arange(begin, min(len(speed), int(some[-1] + cell) + reach + 2))
                 inside = (at >= first) & (at < last)
-                out = slow(inside[:, None] * np.maximum(0.0, 1.0 - np.abs(at[:, None] - some) / cell))
+                out = slow(
+                    inside[:, None] * np.maximum(0.0, 1.0 - np.abs(at[:, None] - some) / cell)
+                )
                 row, column = np.nonzero(out)
                 rows.append(row + begin // every - spoiled)
                 columns.append(column + count)

@@ -34,11 +34,15 @@ from flexgen.numerics.residual_statistics import rms
 COULOMB_SPEED = 5e-4  # of the largest speed: width of the Coulomb step
 BAND = 5.0  # limit of the filter over the band of the motion
 SHORTEST = 4.0  # length of a record over that of the filter
-CORRELATED = 50  # samples of a whole record that share one error: the errors of a model are not white
-WIDEST = 2.0 / WINDOW  # limit of the filter times the step, from which on the polynomials are the filter
+# samples of a whole record that share one error: the errors of a model are not white
+CORRELATED = 50
+# limit of the filter times the step, from which on the polynomials are the filter
+WIDEST = 2.0 / WINDOW
 BLOCK = 0.75  # periods of the band of the motion: blocks whose errors are taken as independent
 WIDER = 4.0  # limit of the torques that bend gears over that of the filter, which would count twice
-DEGREE = 5  # of the splines whose derivatives are taken: finite differences bend gears up to a percent too little
+# of the splines whose derivatives are taken: finite differences bend gears up to a percent too
+# little
+DEGREE = 5
 RATE = 20.0  # samples that are kept before the filter, over its limit
 FADED = 300.0  # fade times speed, from which on nothing of the friction is there
 SOME = 500  # samples of a motion that show the size of the torques
@@ -50,7 +54,9 @@ def band_of(regressor: Regressor, motions: Sequence[Motion]) -> float:
     step, file = motions[0].step, regressor.of_model()
     some = [tuple(x[:: max(1, len(x) // SOME)] for x in motion.derivatives) for motion in motions]
     size = np.sqrt(np.mean(np.vstack([regressor(*state) @ file for state in some]) ** 2, axis=0))
-    limit = BAND * bandwidth([motion.derivatives[1] * size[list(regressor.model.i_g)] for motion in motions], step)
+    limit = BAND * bandwidth(
+        [motion.derivatives[1] * size[list(regressor.model.i_g)] for motion in motions], step
+    )
     limit = max(limit, SHORTEST * LENGTH / (min(len(motion.t) for motion in motions) * step))
     return limit if limit * step < WIDEST else np.inf
 
@@ -73,7 +79,11 @@ class Columns:
         speed: np.ndarray | None = None,
     ) -> None:
         model, step = regressor.model, motions[0].step
-        every = 1 if np.isinf(limit) else max(1, int(1 / (step * max(2 * WIDEST / step + limit, RATE * limit))))
+        every = (
+            1
+            if np.isinf(limit)
+            else max(1, int(1 / (step * max(2 * WIDEST / step + limit, RATE * limit))))
+        )
         self.regressor, self.step = regressor, every * step
         self.t = [motion.t[::every] - motion.t[0] for motion in motions]
         self.states = [tuple(x[::every] for x in motion.derivatives) for motion in motions]
@@ -164,7 +174,9 @@ class Columns:
         """Friction of size one that falls with speed, and its derivative by the fade, of each motion (2, n, n_m)."""
         out = []
         for v in self._speeds:
-            level = np.tanh(v / (COULOMB_SPEED * self.speed)) / np.cosh(np.minimum(np.abs(fades * v), FADED))
+            level = np.tanh(v / (COULOMB_SPEED * self.speed)) / np.cosh(
+                np.minimum(np.abs(fades * v), FADED)
+            )
             rows = level, -level * v * np.tanh(fades * v)
             out.append(np.stack([smooth_forces(x)[:: self._every] for x in rows]))
         return out
@@ -202,7 +214,10 @@ class Columns:
             own = self.known[k] + self.of_motors(k, friction, offset=False)
             torque = low.whole((out.measured[k] - own) @ model.eta)
             rate = self._rates(gear_deflection(self.regressor.equations, torque))[1]
-            bend = gear_deflection(self.regressor.equations, torque - damping * rate) + lags[:n_g] * torque
+            bend = (
+                gear_deflection(self.regressor.equations, torque - damping * rate)
+                + lags[:n_g] * torque
+            )
             links = tuple(x - d for x, d in zip(state, self._rates(bend), strict=True))
             out.links.append(links)
             out.Y.append(self.motor_side(self.regressor(*links)))
@@ -211,7 +226,12 @@ class Columns:
             out.F.append(np.concatenate(rows, axis=2))
             out.held.append(self._relief(links[0]))
             changes = self.regressor.changes(links, pi, self._rates(-torque))
-            total = out.Y[k] @ pi + self.known[k] + out.held[k] + np.einsum("njc,jc->nj", out.F[k], friction)
+            total = (
+                out.Y[k] @ pi
+                + self.known[k]
+                + out.held[k]
+                + np.einsum("njc,jc->nj", out.F[k], friction)
+            )
             late = -self._rates(total)[1][:, :, None]
             out.Z.append(np.concatenate([self.motor_side(changes), late], axis=2))
         return out
@@ -249,7 +269,8 @@ class Columns:
             reach = WINDOW + (0 if low is None else (2 * low.half + low.every) * self._every)
             least = np.where(self._moves, MOVING * self.speed, -1.0)
             self._rests[limit] = [
-                [Rests(x, y, cut, slow, every, reach) for x, y in zip(v.T, least, strict=True)] for v in self._speeds
+                [Rests(x, y, cut, slow, every, reach) for x, y in zip(v.T, least, strict=True)]
+                for v in self._speeds
             ]
         return self._rests[limit]
 

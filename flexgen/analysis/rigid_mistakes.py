@@ -93,7 +93,12 @@ def find_causes(
     names, columns, step = _candidates(whole, limit, *numbers)
     fades, falling = _fade_columns(whole, limit)
     scores = _scores(
-        np.concatenate([columns, falling], axis=2), terms, error, weight, prior, round(BLOCK * whole.period / step)
+        np.concatenate([columns, falling], axis=2),
+        terms,
+        error,
+        weight,
+        prior,
+        round(BLOCK * whole.period / step),
     )
     motors, found = len(weight), np.zeros(len(weight))
     scores.gain[len(names) :][scores.value[len(names) :] <= 0] = 0.0  # it falls
@@ -106,7 +111,12 @@ def find_causes(
     for j in range(motors):
         own = np.arange(len(names) + j, len(scores.gain), motors)
         k = int(own[np.argmax(scores.gain[own])])
-        if whole.fades[j] == 0 and scores.gain[k] > 0 and scores.shares[j, k] >= FALLS and scores.is_sure(k):
+        if (
+            whole.fades[j] == 0
+            and scores.gain[k] > 0
+            and scores.shares[j, k] >= FALLS
+            and scores.is_sure(k)
+        ):
             found[j] = fades[k - len(names)]
     return None, found
 
@@ -132,7 +142,10 @@ def _scores(
     value = np.where(known, score / np.where(known, size, 1.0), 0.0)
     better = (e**2)[:, None] - (e[:, None] - left * value) ** 2
     by_motor = (e**2).reshape(len(weight), -1).sum(axis=1)
-    shares = better.reshape(len(weight), -1, Z.shape[1]).sum(axis=1) / np.maximum(by_motor, 1e-300)[:, None]
+    shares = (
+        better.reshape(len(weight), -1, Z.shape[1]).sum(axis=1)
+        / np.maximum(by_motor, 1e-300)[:, None]
+    )
     return _Scores(left, size, value, value * score, shares, e, max(1, block))
 
 
@@ -142,7 +155,10 @@ def _fade_columns(whole: Columns, limit: float) -> tuple[np.ndarray, np.ndarray]
     fades = np.concatenate([1.0 / (part * speed) for part in SPEEDS])
     rows = []
     for part in SPEEDS:
-        one = [level[:, :, None] * np.eye(len(speed)) for level, _ in whole.fade_columns(1.0 / (part * speed))]
+        one = [
+            level[:, :, None] * np.eye(len(speed))
+            for level, _ in whole.fade_columns(1.0 / (part * speed))
+        ]
         rows.append(np.concatenate([whole.slow(k, x, limit) for k, x in enumerate(one)]))
     return fades, np.concatenate(rows, axis=2)
 
@@ -160,14 +176,20 @@ def _candidates(
     gravities = [Regressor(replace(model, gravity=tuple(row))) for row in np.eye(3).tolist()]
     motors = np.abs(model.eta).argmax(axis=0)
     every = 1 if np.isinf(limit) else LowPass(whole.step, limit).every
-    for k, (Y, total, links) in enumerate(zip(whole.Y, whole.torques(pi, friction), whole.links, strict=True)):
+    for k, (Y, total, links) in enumerate(
+        zip(whole.Y, whole.torques(pi, friction), whole.links, strict=True)
+    ):
         one, load = np.ones_like(links[0]), Y @ pi
         zeros = whole.regressor.changes(links, pi, [-one, 0 * one, 0 * one])
-        gravity = np.stack([weight(links[0], 0 * one, 0 * one) @ pi for weight in gravities], axis=2)
+        gravity = np.stack(
+            [weight(links[0], 0 * one, 0 * one) @ pi for weight in gravities], axis=2
+        )
         ratios = whole.motor_side(whole.regressor.changes(links, pi, [-x for x in links]))
         for i, j in enumerate(motors):
             ratios[:, j, i] -= load[:, j]
         torques = total[:, :, None] * np.eye(model.n_m)
-        changes = np.concatenate([torques, whole.motor_side(zeros), ratios, whole.motor_side(gravity)], axis=2)
+        changes = np.concatenate(
+            [torques, whole.motor_side(zeros), ratios, whole.motor_side(gravity)], axis=2
+        )
         found.append(whole.slow(k, changes, limit))
     return names, np.concatenate(found), whole.step * every

@@ -33,13 +33,21 @@ def rigid_model(
     """
     balances = fitted_balances(robot, counterbalance, friction)
     elements = tuple(
-        replace(e, body=body, dofs=tuple(replace(dof, counterbalance=balances[dof.name]) for dof in e.dofs))
+        replace(
+            e,
+            body=body,
+            dofs=tuple(replace(dof, counterbalance=balances[dof.name]) for dof in e.dofs),
+        )
         for e, body in zip(robot.elements, bodies, strict=True)
     )
-    return replace(robot, elements=elements, payload=Body(), motors=_motors(robot, friction, fades, speed))
+    return replace(
+        robot, elements=elements, payload=Body(), motors=_motors(robot, friction, fades, speed)
+    )
 
 
-def _motors(model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: np.ndarray) -> tuple[Motor, ...]:
+def _motors(
+    model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: np.ndarray
+) -> tuple[Motor, ...]:
     """The motors with the friction and the inertia that were found; a number below zero is not a valid result."""
     out = []
     for j, motor in enumerate(model.motors):
@@ -49,7 +57,9 @@ def _motors(model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: n
         law = Friction(
             viscous=max(viscous / ratio, 0.0),
             coulomb=max(coulomb, 0.0),
-            beta=1.0 / (COULOMB_SPEED * float(speed[j]) * ratio) if max(coulomb, falling) > 0 else 0.0,
+            beta=1.0 / (COULOMB_SPEED * float(speed[j]) * ratio)
+            if max(coulomb, falling) > 0
+            else 0.0,
             stribeck=falling,
             alpha=float(fades[j]) / ratio if falling else 0.0,
             offset=offset,

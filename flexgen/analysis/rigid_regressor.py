@@ -23,7 +23,11 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.polynomial_filter import WINDOW, derivatives, smooth_forces
 
 RANK = 1e-9  # of singular values of base parameters
-BODY = ("mass", *(f"com_{axis}" for axis in "xyz"), *(f"inertia_{axes}" for axes in "xx yy zz xy yz xz".split()))
+BODY = (
+    "mass",
+    *(f"com_{axis}" for axis in "xyz"),
+    *(f"inertia_{axes}" for axes in "xx yy zz xy yz xz".split()),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +40,13 @@ class Motion:
 
     def __post_init__(self) -> None:
         n = len(self.t)
-        if self.q.ndim != 2 or self.tau_m.ndim != 2 or len(self.q) != n or len(self.tau_m) != n or n <= WINDOW:
+        if (
+            self.q.ndim != 2
+            or self.tau_m.ndim != 2
+            or len(self.q) != n
+            or len(self.tau_m) != n
+            or n <= WINDOW
+        ):
             raise ArgumentError(
                 f"motion: given t {self.t.shape}, q {self.q.shape}, tau_m {self.tau_m.shape}, expected (n,), (n, n_g), "
                 f"(n, n_m) with n > {WINDOW}"
@@ -91,7 +101,9 @@ class Regressor:
         # The torques are linear in mass, mass x center and inertia about the origin: their derivatives in these at a
         # body of mass 1 at its origin are those in mass, center and inertia about the center.
         at = [1.0 if p.name.endswith(".mass") else 0.0 for p in equations.parameters]
-        Y = ca.substitute(ca.jacobian(equations.arm_left, equations.symbols), equations.symbols, ca.DM(at))
+        Y = ca.substitute(
+            ca.jacobian(equations.arm_left, equations.symbols), equations.symbols, ca.DM(at)
+        )
         state = [lag.chain.q_a, lag.chain.v_a, lag.a_a]
         self._function = ca.Function("regressor", state, [ca.densify(Y)])
         self.equations = equations
@@ -103,13 +115,17 @@ class Regressor:
         for i in range(model.n_a):
             step = ca.vertcat(*[one * (ca.DM.eye(model.n_a)[:, i]) for one in bend])
             columns.append(ca.jtimes(arm, ca.vertcat(*state), step))
-        self._change = ca.Function("change", [*state, pi, *bend], [ca.densify(ca.horzcat(*columns))])
+        self._change = ca.Function(
+            "change", [*state, pi, *bend], [ca.densify(ca.horzcat(*columns))]
+        )
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """The regressor at n states, (n, n_a, 10 bodies)."""
         return evaluate(self._function, q, v, a)[0].reshape(-1, self.model.n_a, len(self.names))
 
-    def changes(self, state: Sequence[np.ndarray], pi: np.ndarray, steps: Sequence[np.ndarray]) -> np.ndarray:
+    def changes(
+        self, state: Sequence[np.ndarray], pi: np.ndarray, steps: Sequence[np.ndarray]
+    ) -> np.ndarray:
         """Changes of the torques (n, n_a, n_a) with the steps of q, v and a of each joint alone, to first order."""
         numbers = np.broadcast_to(pi, (len(state[0]), len(pi)))
         n_a = self.model.n_a
@@ -128,7 +144,9 @@ class Regressor:
     def base_parameters(self, states: int = 500, seed: int = 0) -> int:
         """Number of combinations that any motion can determine: the rank at random states."""
         rng = np.random.default_rng(seed)
-        Y = self(*(rng.uniform(-2, 2, (states, self.model.n_a)) for _ in range(3))).reshape(-1, len(self.names))
+        Y = self(*(rng.uniform(-2, 2, (states, self.model.n_a)) for _ in range(3))).reshape(
+            -1, len(self.names)
+        )
         values = np.linalg.svd(Y / np.maximum(np.linalg.norm(Y, axis=0), 1e-300), compute_uv=False)
         return int((values > RANK * values[0]).sum())
 

@@ -12,7 +12,9 @@ import numpy as np
 from scipy.linalg import expm
 
 
-def hold_effects(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -> tuple[np.ndarray, np.ndarray]:
+def hold_effects(
+    A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Effect on the next sample of an input that acts until ``rest_s``, and of one that acts from there on."""
     n, m = B.shape
 
@@ -24,7 +26,9 @@ def hold_effects(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -
     return phi @ constant(rest_s)[1], after
 
 
-def sample_model(A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float) -> tuple[np.ndarray, np.ndarray]:
+def sample_model(
+    A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float
+) -> tuple[np.ndarray, np.ndarray]:
     """``F`` and ``G`` of the model with torques under way; see the text of this module."""
     n, n_m = B.shape
     whole = int(delay_s / sample_s + 1e-9)
@@ -71,8 +75,13 @@ def sampled_plant(
             Y[:, n : n + n_m] = D  # the oldest one acts when the next sample is taken
         else:  # the one before the oldest
             before = np.eye(n_m, len(F) - n, 0) if len(F) > n else np.zeros((n_m, 0))
-            F = np.block([[F, np.zeros((len(F), n_m))], [np.zeros((n_m, n)), before, np.zeros((n_m, n_m))]])
-            G, Y = np.vstack([G, np.zeros((n_m, n_m)) if before.size else np.eye(n_m)]), np.hstack([Y, D])
+            F = np.block(
+                [[F, np.zeros((len(F), n_m))], [np.zeros((n_m, n)), before, np.zeros((n_m, n_m))]]
+            )
+            G, Y = (
+                np.vstack([G, np.zeros((n_m, n_m)) if before.size else np.eye(n_m)]),
+                np.hstack([Y, D]),
+            )
     for i, count in enumerate(np.zeros(n_y, int) if late is None else late):
         for _ in range(count):  # the output as it was a sample before
             F = np.block([[F, np.zeros((len(F), 1))], [Y[i], 0.0]])

@@ -21,13 +21,16 @@ from flexgen.position_servo.keys import FREQUENCIES, GAINS, ServoTable
 # Frequencies over the lowest natural one with locked motors, and what takes its place where nothing is elastic [Hz].
 MULTIPLES = {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1}
 RIGID_HZ = 10.0
-SAMPLED_GAIN = 0.3  # largest speed gain times sample time and delay, over the inertia with all springs soft
+# largest speed gain times sample time and delay, over the inertia with all springs soft
+SAMPLED_GAIN = 0.3
 
 
 def chosen_frequencies(given: Mapping[str, float | None], lowest: float) -> dict[str, float]:
     """The frequencies [Hz], where not given by the lowest natural one with locked motors; 0: nothing is elastic."""
     own = lowest or RIGID_HZ
-    return {name: MULTIPLES[name] * own if value is None else value for name, value in given.items()}
+    return {
+        name: MULTIPLES[name] * own if value is None else value for name, value in given.items()
+    }
 
 
 def cascade_gains(
@@ -62,7 +65,10 @@ def inertias_at_rest(
     model = equations.model
     arm, motors = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
     motion = (q_a[None], arm, arm, q_m[None], motors, motors, tau_m[None])
-    M, _, K, B = (x[0] for x in second_order_matrices(*evaluate(equations.function("residual_jacobians"), *motion)))
+    M, _, K, B = (
+        x[0]
+        for x in second_order_matrices(*evaluate(equations.function("residual_jacobians"), *motion))
+    )
     stiff, soft = second_order.motor_inertias(model, M, B, second_order.motor_rows(model))
     return stiff, soft, second_order.lowest_locked_hz(model, M, K)
 

@@ -121,7 +121,9 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     simple = model.motor_coupling == "simplified"
     drive, degree = _drive(equations, arm.stiffness[0])
     i_g = list(model.i_g)
-    matrix = arm.W[0] @ np.linalg.solve(arm.M[0], np.eye(model.n_a)[:, i_g] @ drive) if simple else None
+    matrix = (
+        arm.W[0] @ np.linalg.solve(arm.M[0], np.eye(model.n_a)[:, i_g] @ drive) if simple else None
+    )
     values = np.linalg.svd(_scale_rows_and_columns(arm)[0], compute_uv=False)
     tool = np.linalg.svd(_tool(equations, arm)[0], compute_uv=False)
     warnings = _tool_warnings(equations, arm)
@@ -130,7 +132,8 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     if square and model.n_e and tool[-1] > SINGULAR * tool[0]:
         inertia = float(np.linalg.svd(arm.relative_inertia()[0], compute_uv=False)[-1])
         warnings += _inertia_warnings(arm, inertia)
-    stiff = evaluate(equations.function("gear_law"), np.ones(model.n_g))[1].ravel()  # slopes when fully wound up
+    # slopes when fully wound up
+    stiff = evaluate(equations.function("gear_law"), np.ones(model.n_g))[1].ravel()
     loose = arm.stiffness[0] < SINGULAR * stiff
     dead = [model.coordinates[i].name for k, i in enumerate(i_g) if degree[k] == 4 and loose[k]]
     if dead:
@@ -141,7 +144,9 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     reached = controllability(linear)
     if reached < SINGULAR:
         warnings.append("not controllable: the linearized robot has a mode that no motor can move")
-    return Solvability(regular, matrix, values, degree, tool, inertia, _distal(model), reached, tuple(warnings))
+    return Solvability(
+        regular, matrix, values, degree, tool, inertia, _distal(model), reached, tuple(warnings)
+    )
 
 
 def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> SolvabilityPath:
@@ -220,7 +225,9 @@ def _scale_rows_and_columns(arm: ArmLinearization) -> np.ndarray:
     """``W M^-1 S_g`` (k, n_y, n_g) with rows and columns of length one in the metric of M^-1."""
     half = np.linalg.cholesky(arm.M)
     rows = np.linalg.solve(half, arm.W.transpose(0, 2, 1))
-    columns = np.linalg.solve(half, np.broadcast_to(np.eye(arm.model.n_a), arm.M.shape))[:, :, list(arm.model.i_g)]
+    columns = np.linalg.solve(half, np.broadcast_to(np.eye(arm.model.n_a), arm.M.shape))[
+        :, :, list(arm.model.i_g)
+    ]
     rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
     columns = columns / np.linalg.norm(columns, axis=1, keepdims=True)
     return rows.transpose(0, 2, 1) @ columns
@@ -244,7 +251,9 @@ def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
     names = _name_largest(left[:, -1], output_names(arm.model))
     kind = "in a singular pose" if values[-1] < SINGULAR * values[0] else "close to a singular pose"
     ratio = values[-1] / values[0]
-    return [f"tool {kind}: the actuated joints hardly move {names} (ratio of singular values {ratio:.1e})"]
+    return [
+        f"tool {kind}: the actuated joints hardly move {names} (ratio of singular values {ratio:.1e})"
+    ]
 
 
 def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
@@ -254,13 +263,13 @@ def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
         return []
     i_e = list(model.i_e)
     own = arm.M[0][np.ix_(i_e, i_e)]
-    motion = np.linalg.solve(np.linalg.cholesky(own).T, np.linalg.svd(arm.relative_inertia()[0])[2][-1])
+    motion = np.linalg.solve(
+        np.linalg.cholesky(own).T, np.linalg.svd(arm.relative_inertia()[0])[2][-1]
+    )
     names = _name_largest(motion * np.sqrt(np.diag(own)), [model.coordinates[i].name for i in i_e])
     how = f"({smallest:.1e} of the coordinates' own)"
     if smallest < SINGULAR:
-        text = (
-            f"flat point: the inertia of the zero dynamics is singular {how} in {names}, a zero lies at infinity, and "
-        )
+        text = f"flat point: the inertia of the zero dynamics is singular {how} in {names}, a zero lies at infinity, and "
         text += "the torque needs a smoother path than the gears alone require"
     else:
         text = f"near a flat point: the inertia of the zero dynamics is nearly singular {how} in {names}, "
@@ -286,4 +295,6 @@ def _name_largest(vector: np.ndarray, names: tuple[str, ...] | list[str]) -> str
 def _at(arm: ArmLinearization, k: int) -> ArmLinearization:
     """The linearization at one of the poses."""
     one = slice(k, k + 1)
-    return ArmLinearization(arm.model, arm.M[one], arm.D[one], arm.K[one], arm.W[one], arm.stiffness[one])
+    return ArmLinearization(
+        arm.model, arm.M[one], arm.D[one], arm.K[one], arm.W[one], arm.stiffness[one]
+    )

@@ -23,7 +23,8 @@ from flexgen.mechanics.motor_harmonics import gear_angles_along
 from flexgen.mechanics.statics import Equilibrium, gear_damping
 from flexgen.numerics.evaluate import evaluate
 
-PREVIEW_SHARE = 1e-6  # part of a motion that may lie outside of a preview: the tolerance of lq and of streams
+# part of a motion that may lie outside of a preview: the tolerance of lq and of streams
+PREVIEW_SHARE = 1e-6
 ON_AXIS = 1e-9  # of its size: a real part that is smaller is rounding
 RANK = 1e-9  # relative size below which a singular value counts as zero
 
@@ -45,7 +46,9 @@ class ZeroReport:
     preview_s: float
 
 
-def transmission_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float = 1.0) -> np.ndarray | None:
+def transmission_zeros(
+    A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float = 1.0
+) -> np.ndarray | None:
     """Finite transmission zeros [1/s] of a square system without feed-through; None where it is degenerate.
 
     ``rate`` [1/s]: a typical rate of the system, for scaling.
@@ -61,7 +64,9 @@ def transmission_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float 
     return None if zeros is None else sort_roots(zeros * rate)
 
 
-def _invariant_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray | None:
+def _invariant_zeros(
+    A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray
+) -> np.ndarray | None:
     """Finite zeros of a scaled square system with feed-through D; None where it is degenerate."""
     while True:
         size = max(float(np.linalg.norm(X)) for X in (A, B, C, np.eye(1)))
@@ -85,7 +90,10 @@ def _invariant_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray)
         A, B = A[:keep, :keep], B[:keep]
         # rows may differ by many orders of magnitude; constraints may be scaled freely
         norms = np.linalg.norm(np.hstack([C, D]), axis=1)
-        C, D = C / np.where(norms > 0, norms, 1.0)[:, None], D / np.where(norms > 0, norms, 1.0)[:, None]
+        C, D = (
+            C / np.where(norms > 0, norms, 1.0)[:, None],
+            D / np.where(norms > 0, norms, 1.0)[:, None],
+        )
         if not len(A) and np.linalg.matrix_rank(D, tol=RANK) < D.shape[1]:
             return None
     if D.shape[0] != D.shape[1]:
@@ -93,7 +101,9 @@ def _invariant_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray)
     return np.linalg.eigvals(A - B @ np.linalg.solve(D, C))
 
 
-def inner_pencil(equations: Equations, linear: LinearModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def inner_pencil(
+    equations: Equations, linear: LinearModel
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``A, D, K`` (n_e, n_e) of the non-actuated rows with the output fixed: the zero dynamics at a pose."""
     model = equations.model
     S = held_motions(model, linear.W)
@@ -111,7 +121,9 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
     if model.n_e:
         inner = pencil_zeros(*inner_pencil(equations, linear))
         if inner is None:
-            raise SolverError("zeros: the output leaves a motion of the elastic elements undetermined")
+            raise SolverError(
+                "zeros: the output leaves a motion of the elastic elements undetermined"
+            )
         values.append(inner)
     return sort_roots(np.concatenate(values).astype(complex))
 
@@ -132,7 +144,9 @@ def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | No
     upper = np.hstack([np.zeros((n, n)), np.eye(n)])
     chain = np.vstack([upper, np.zeros((n, 2 * n))])
     rows = np.linalg.norm(np.hstack([K, D, A]), axis=1)[:, None]
-    inner = _invariant_zeros(chain, np.vstack([np.zeros((n, n)), np.eye(n)]), np.hstack([K, D]) / rows, A / rows)
+    inner = _invariant_zeros(
+        chain, np.vstack([np.zeros((n, n)), np.eye(n)]), np.hstack([K, D]) / rows, A / rows
+    )
     return None if inner is None else inner * rate
 
 
@@ -152,7 +166,9 @@ def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
                 zeros = inner_zeros(equations, linear, rest)
         else:
             A, B = linear.state_space()
-            zeros = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), linear.rate)
+            zeros = transmission_zeros(
+                A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), linear.rate
+            )
     if zeros is None:
         return ZeroReport(np.zeros(0, dtype=complex), "none", 0.0, 0.0)
     slowest, _ = time_constants(zeros)

@@ -85,7 +85,9 @@ class ZeroPath:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types; zeros as ``[re, im]``, those at infinity left out."""
-        finite = [[[float(z.real), float(z.imag)] for z in row[np.isfinite(row)]] for row in self.zeros]
+        finite = [
+            [[float(z.real), float(z.imag)] for z in row[np.isfinite(row)]] for row in self.zeros
+        ]
         sigma = [float(x) if np.isfinite(x) else None for x in self.sigma_min]
         return {
             "t": self.t.tolist(),
@@ -103,7 +105,9 @@ class ZeroPath:
         }
 
 
-def zero_path(equations: Equations, path: OutputPath, n: int = POSES, moving: bool = False) -> ZeroPath:
+def zero_path(
+    equations: Equations, path: OutputPath, n: int = POSES, moving: bool = False
+) -> ZeroPath:
     """The zeros at n poses along a path, from its start to its end.
 
     Parameters
@@ -147,9 +151,13 @@ def zero_path(equations: Equations, path: OutputPath, n: int = POSES, moving: bo
         for k, rest in enumerate(rests):
             linear = linearize(equations, rest)
             A, B = linear.state_space()
-            found = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), linear.rate)
+            found = transmission_zeros(
+                A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), linear.rate
+            )
             if found is None:
-                raise SolverError(f"zeros: the output leaves a motion undetermined at t = {t[k]:.4g} s")
+                raise SolverError(
+                    f"zeros: the output leaves a motion undetermined at t = {t[k]:.4g} s"
+                )
             roots.append(found)
     return _result(model.n_e, t, q, roots, sigma, sign)
 
@@ -188,17 +196,26 @@ def zeros_at(
 def is_unstable(zeros: np.ndarray) -> np.ndarray:
     """Which zeros lie in the right half plane; those on the imaginary axis up to rounding do not."""
     finite = np.isfinite(zeros)
-    return finite & (np.where(finite, zeros.real, 0.0) > ON_AXIS * np.where(finite, np.abs(zeros), 1.0))
+    return finite & (
+        np.where(finite, zeros.real, 0.0) > ON_AXIS * np.where(finite, np.abs(zeros), 1.0)
+    )
 
 
 def is_stable(zeros: np.ndarray) -> np.ndarray:
     """Which zeros lie in the left half plane; those on the imaginary axis up to rounding do not."""
     finite = np.isfinite(zeros)
-    return finite & (np.where(finite, zeros.real, 0.0) < -ON_AXIS * np.where(finite, np.abs(zeros), 1.0))
+    return finite & (
+        np.where(finite, zeros.real, 0.0) < -ON_AXIS * np.where(finite, np.abs(zeros), 1.0)
+    )
 
 
 def _result(
-    n_e: int, t: np.ndarray, q: np.ndarray, roots: list[np.ndarray], sigma: np.ndarray, sign: np.ndarray
+    n_e: int,
+    t: np.ndarray,
+    q: np.ndarray,
+    roots: list[np.ndarray],
+    sigma: np.ndarray,
+    sign: np.ndarray,
 ) -> ZeroPath:
     widest = max(len(row) for row in roots)
     zeros = np.full((len(t), widest), complex(np.inf, 0.0))
@@ -212,7 +229,8 @@ def _result(
     phase = "non-minimum phase" if right.any() else "minimum phase" if widest else "flat"
     changes = _changes(t, unstable, sign * sigma, np.isfinite(zeros).sum(axis=1))
     needed = preview(1.0 / slowest) if slowest else 0.0
-    if any(change.through == AXIS for change in changes):  # there the slowest is as slow as the poses are dense
+    # there the slowest is as slow as the poses are dense
+    if any(change.through == AXIS for change in changes):
         needed = min(needed, float(t[-1]))
     near = bool(n_e) and bool((sigma[np.isfinite(sigma)] < NEAR).any())
     if not n_e:
@@ -223,11 +241,15 @@ def _result(
         methods = ("lq", "bvp") if right.any() else ("lq", "bvp", "reduced")
     left = is_stable(zeros)
     stable = float(-zeros.real[left].max()) if left.any() else None
-    found = ZeroPath(t, q, zeros, unstable, sigma, phase, changes, slowest, fastest, stable, needed, methods, "")
+    found = ZeroPath(
+        t, q, zeros, unstable, sigma, phase, changes, slowest, fastest, stable, needed, methods, ""
+    )
     return replace(found, verdict=_sentence(found, np.isfinite(zeros).sum(axis=1), sign))
 
 
-def _changes(t: np.ndarray, unstable: np.ndarray, sigma: np.ndarray, finite: np.ndarray) -> tuple[Change, ...]:
+def _changes(
+    t: np.ndarray, unstable: np.ndarray, sigma: np.ndarray, finite: np.ndarray
+) -> tuple[Change, ...]:
     """Where the number of unstable zeros changes.
 
     ``sigma`` (n,): smallest singular value of A with the sign of its determinant; ``finite`` (n,): numbers of zeros.
@@ -235,12 +257,15 @@ def _changes(t: np.ndarray, unstable: np.ndarray, sigma: np.ndarray, finite: np.
     out = []
     for k in range(len(t) - 1):
         before, after = int(unstable[k]), int(unstable[k + 1])
-        if sigma[k] * sigma[k + 1] < 0:  # the zero's inverse passes through zero, in proportion to A
+        # the zero's inverse passes through zero, in proportion to A
+        if sigma[k] * sigma[k + 1] < 0:
             share = abs(sigma[k]) / (abs(sigma[k]) + abs(sigma[k + 1]))
             out.append(Change(float(t[k] + share * (t[k + 1] - t[k])), before, after, INFINITY))
         elif before != after:
             middle = float(t[k] + t[k + 1]) / 2
-            out.append(Change(middle, before, after, AXIS if finite[k] == finite[k + 1] else INFINITY))
+            out.append(
+                Change(middle, before, after, AXIS if finite[k] == finite[k + 1] else INFINITY)
+            )
     return tuple(out)
 
 
@@ -251,17 +276,27 @@ def _sentence(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
     parts = []
     total = _range(finite)
     if path.phase == "minimum phase":
-        slow = "on the imaginary axis" if path.slowest_stable is None else f"the slowest {path.slowest_stable:.3g} 1/s"
+        slow = (
+            "on the imaginary axis"
+            if path.slowest_stable is None
+            else f"the slowest {path.slowest_stable:.3g} 1/s"
+        )
         parts.append(f"minimum phase: all {total} zeros stable, {slow}")
     else:
         assert path.slowest is not None and path.fastest is not None
         rates = (
-            f"{path.slowest:.3g}" if path.fastest < 1.005 * path.slowest else f"{path.slowest:.3g}..{path.fastest:.3g}"
+            f"{path.slowest:.3g}"
+            if path.fastest < 1.005 * path.slowest
+            else f"{path.slowest:.3g}..{path.fastest:.3g}"
         )
-        parts.append(f"non-minimum phase: {_range(path.unstable)} of {total} zeros unstable, {rates} 1/s")
+        parts.append(
+            f"non-minimum phase: {_range(path.unstable)} of {total} zeros unstable, {rates} 1/s"
+        )
         parts.append(f"preview required for exact tracking {1e3 * path.preview_s:.3g} ms")
     for change in path.changes[:3]:
-        parts.append(f"{change.before} to {change.after} unstable at t = {change.t:.3g} s, through {change.through}")
+        parts.append(
+            f"{change.before} to {change.after} unstable at t = {change.t:.3g} s, through {change.through}"
+        )
     if len(path.changes) > 3:
         parts.append(f"{len(path.changes) - 3} more changes")
     if (sign == 0).any():

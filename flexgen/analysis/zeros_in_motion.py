@@ -17,7 +17,8 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.quasistatic import OutputPath, poses_along
 from flexgen.numerics.evaluate import evaluate
 
-NEARBY = 1e-3  # of a path's duration: the distance of the poses from which speeds and accelerations are taken
+# of a path's duration: the distance of the poses from which speeds and accelerations are taken
+NEARBY = 1e-3
 
 
 def moving_pencil(
@@ -61,5 +62,7 @@ def quasistatic_motion(
     """Coordinates, velocities, accelerations (k, n_a) of the motion through static equilibria at rising ``t`` [s]."""
     h = NEARBY * path.duration
     around = np.repeat(t, 3) + np.tile([-h, 0.0, h], len(t))
-    before, now, after = poses_along(equations, path, around).reshape(len(t), 3, -1).transpose(1, 0, 2)
+    before, now, after = (
+        poses_along(equations, path, around).reshape(len(t), 3, -1).transpose(1, 0, 2)
+    )
     return now, (after - before) / (2 * h), (after - 2 * now + before) / h**2

@@ -35,7 +35,9 @@ def functions_of(library: Any) -> Functions:
     handler = _handler()
     for entry in points.entries.values():
         if handler.flexgen_register(ctypes.byref(entry)) != 0:
-            raise ArgumentError(f"{library.name}: given too many libraries in one process; start another one")
+            raise ArgumentError(
+                f"{library.name}: given too many libraries in one process; start another one"
+            )
     return Functions(points, {name: _function(points, name) for name in points.own()})
 
 
@@ -43,7 +45,9 @@ def functions_of(library: Any) -> Functions:
 def _handler() -> ctypes.CDLL:
     """The module with the handler, which XLA knows then."""
     made = module(str(Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h")), jax.__version__)
-    jax.ffi.register_ffi_target(TARGET, jax.ffi.pycapsule(made.flexgen_points_handler), platform="cpu")
+    jax.ffi.register_ffi_target(
+        TARGET, jax.ffi.pycapsule(made.flexgen_points_handler), platform="cpu"
+    )
     return made
 
 
@@ -63,7 +67,10 @@ def _function(points: Points, name: str) -> Callable[..., Any]:
     def call(*args: Any, **named: Any) -> Any:
         given = points.arguments(name, args, named)
         check_type(points)
-        arrays = [_array(name, port, x, points.real) for port, x in zip(described.inputs, given, strict=True)]
+        arrays = [
+            _array(name, port, x, points.real)
+            for port, x in zip(described.inputs, given, strict=True)
+        ]
         points.lead(name, [x.shape for x in arrays])
         return points.results(name, _point.bind(*arrays, points=points, name=name))
 
@@ -76,9 +83,13 @@ def _array(name: str, port: Port, x: Any, real: np.dtype) -> jax.Array:
     try:
         array = jnp.asarray(x)
     except (TypeError, ValueError) as error:
-        raise ArgumentError(f"{name}, {port.name}: given {type(x).__name__}, expected an array of numbers") from error
+        raise ArgumentError(
+            f"{name}, {port.name}: given {type(x).__name__}, expected an array of numbers"
+        ) from error
     if not (jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)):
-        raise ArgumentError(f"{name}, {port.name}: given entries of type {array.dtype}, expected real numbers")
+        raise ArgumentError(
+            f"{name}, {port.name}: given entries of type {array.dtype}, expected real numbers"
+        )
     return array.astype(real)
 
 
@@ -92,7 +103,10 @@ def _inputs(primitive: Primitive, points: Points, name: str) -> tuple[Port, ...]
 
 def _abstract(primitive: Primitive, *avals: Any, points: Points, name: str) -> list[Any]:
     lead = lead_of(name, _inputs(primitive, points, name), [x.shape for x in avals])
-    return [jax.core.ShapedArray((*lead, *port.shape), points.real) for port in points.functions[name].outputs]
+    return [
+        jax.core.ShapedArray((*lead, *port.shape), points.real)
+        for port in points.functions[name].outputs
+    ]
 
 
 @cache
@@ -111,7 +125,8 @@ def _changes(*operands: Any, points: Points, name: str) -> Any:
     product = points.product(name, "jvp")
     given = [values[port.name] for port in product.inputs]
     lead = lead_of(name, _inputs(_linear, points, name), [x.shape for x in operands])
-    if lead and not lead_of(name, product.inputs, [x.shape for x in given]):  # the batch is in what is left out
+    # the batch is in what is left out
+    if lead and not lead_of(name, product.inputs, [x.shape for x in given]):
         given[0] = jnp.broadcast_to(given[0], (*lead, *given[0].shape))
     return _point.bind(*given, points=points, name=product.name)
 
@@ -123,7 +138,9 @@ def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, points: Points, nam
     return out, _linear.bind(*primals, *changes, points=points, name=name)
 
 
-def _jvp_of_linear(primals: Sequence[Any], tangents: Sequence[Any], *, points: Points, name: str) -> Any:
+def _jvp_of_linear(
+    primals: Sequence[Any], tangents: Sequence[Any], *, points: Points, name: str
+) -> Any:
     count = len(points.functions[name].inputs)
     if not all(isinstance(t, ad.Zero) for t in tangents[:count]):
         points.check_order(f"{name}_jvp")
@@ -139,7 +156,9 @@ def _transpose(cotangents: Sequence[Any], *operands: Any, points: Points, name: 
     values = {port.name: x for port, x in zip(function.inputs, operands[:count], strict=True)}
     for port, weight in zip(function.outputs, cotangents, strict=True):
         values[port.name + COTANGENT] = ad.instantiate_zeros(weight)
-    back = _point.bind(*[values[port.name] for port in product.inputs], points=points, name=product.name)
+    back = _point.bind(
+        *[values[port.name] for port in product.inputs], points=points, name=product.name
+    )
     found = {port.name: g for port, g in zip(product.outputs, back, strict=True)}
     results: list[Any] = [None] * count
     for port, change in zip(function.inputs, operands[count:], strict=True):
@@ -160,10 +179,16 @@ def _batch(
 ) -> tuple[Any, list[int]]:
     """A new axis in front; arrays without any axis of a batch stay as they are."""
     ports = _inputs(primitive, points, name)
-    own = [x.ndim - (axis is not None) - len(port.shape) for x, axis, port in zip(operands, axes, ports, strict=True)]
+    own = [
+        x.ndim - (axis is not None) - len(port.shape)
+        for x, axis, port in zip(operands, axes, ports, strict=True)
+    ]
     (count,) = {x.shape[axis] for x, axis in zip(operands, axes, strict=True) if axis is not None}
     lead: tuple[int, ...] = ()
-    moved = [x if axis is None else jnp.moveaxis(x, axis, 0) for x, axis in zip(operands, axes, strict=True)]
+    moved = [
+        x if axis is None else jnp.moveaxis(x, axis, 0)
+        for x, axis in zip(operands, axes, strict=True)
+    ]
     for x, axis, depth in zip(moved, axes, own, strict=True):
         start = int(axis is not None)
         lead = x.shape[start : start + depth] or lead
@@ -171,7 +196,8 @@ def _batch(
     for x, axis, depth, port in zip(moved, axes, own, ports, strict=True):
         if axis is not None:
             x = jnp.broadcast_to(
-                jnp.reshape(x, (count, *((1,) * (len(lead) - depth)), *x.shape[1:])), (count, *lead, *port.shape)
+                jnp.reshape(x, (count, *((1,) * (len(lead) - depth)), *x.shape[1:])),
+                (count, *lead, *port.shape),
             )
         elif depth:
             x = jnp.broadcast_to(x, (count, *lead, *port.shape))

@@ -20,7 +20,8 @@ from flexgen.runtime.structs import closed_error
 from flexgen.spec.ports import Port
 
 MOST_PORTS = 24  # as in points.c
-TANGENT, COTANGENT = "_tangent", "_cotangent"  # ends of the names of arrays of NAME_jvp and NAME_vjp
+# ends of the names of arrays of NAME_jvp and NAME_vjp
+TANGENT, COTANGENT = "_tangent", "_cotangent"
 
 
 class _Port(ctypes.Structure):
@@ -58,9 +59,13 @@ def module(header: str = "", version: str = "") -> ctypes.CDLL:
         There is no compiler, or it fails.
     """
     text = Path(__file__).with_name("points.c").read_text(encoding="ascii")
-    text = text.replace("/* CALLS */", "\n".join(_call(name, more) for name, more in (("single", 0), ("batch", 1))))
+    text = text.replace(
+        "/* CALLS */", "\n".join(_call(name, more) for name, more in (("single", 0), ("batch", 1)))
+    )
     if header:
-        text = text.replace('"xla/ffi/api/c_api.h"', f'"{header}"').replace("#ifdef XLA_API", f"#if 1 /* {version} */")
+        text = text.replace('"xla/ffi/api/c_api.h"', f'"{header}"').replace(
+            "#ifdef XLA_API", f"#if 1 /* {version} */"
+        )
     return load_module(compile_module("points", text))
 
 
@@ -72,7 +77,9 @@ def _call(name: str, more: int) -> str:
         given = ", ".join(["n"] * more + [f"a[{k}]" for k in range(count)])
         cases.append(f"    case {count}: return ((int (*)({types}))f)({given});\n")
     head = f"static int call_{name}(void *f, int count, {'int n, ' * more}void **a)\n"
-    return head + "{\n    switch (count) {\n" + "".join(cases) + "    default: return -1;\n    }\n}\n"
+    return (
+        head + "{\n    switch (count) {\n" + "".join(cases) + "    default: return -1;\n    }\n}\n"
+    )
 
 
 class Points:
@@ -163,7 +170,11 @@ class Points:
     def results(self, name: str, arrays: Sequence[Any]) -> Any:
         """One array, or a named tuple of several."""
         outputs = self.functions[name].outputs
-        return arrays[0] if len(outputs) == 1 else results_type(name, tuple(p.name for p in outputs))._make(arrays)
+        return (
+            arrays[0]
+            if len(outputs) == 1
+            else results_type(name, tuple(p.name for p in outputs))._make(arrays)
+        )
 
     def own(self) -> list[str]:
         """Names of the functions that are not products with derivatives."""
@@ -179,7 +190,9 @@ def lead_of(name: str, ports: Sequence[Port], shapes: Sequence[tuple[int, ...]])
         fits = own >= 0 and shape[own:] == port.shape
         if not fits or (own and lead and shape[:own] != lead):
             many = ", ".join(map(str, (*(lead or ("...",)), *port.shape)))
-            raise ArgumentError(f"{name}, {port.name}: given shape {shape}, expected {port.shape} or ({many})")
+            raise ArgumentError(
+                f"{name}, {port.name}: given shape {shape}, expected {port.shape} or ({many})"
+            )
         lead = shape[:own] or lead
     return lead
 
@@ -194,7 +207,9 @@ class Functions:
         functions = self.__dict__.get("_functions", {})
         if name in functions:
             return functions[name]
-        raise AttributeError(f"given {name!r}, expected one of the library's functions: {', '.join(functions)}")
+        raise AttributeError(
+            f"given {name!r}, expected one of the library's functions: {', '.join(functions)}"
+        )
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self._functions})

@@ -28,7 +28,10 @@ def _function(points: Points, name: str) -> Callable[..., Any]:
 
     def call(*args: Any, **named: Any) -> Any:
         given = points.arguments(name, args, named)
-        arrays = [_tensor(name, port, x, _real(points)) for port, x in zip(described.inputs, given, strict=True)]
+        arrays = [
+            _tensor(name, port, x, _real(points))
+            for port, x in zip(described.inputs, given, strict=True)
+        ]
         points.lead(name, [tuple(x.shape) for x in arrays])
         return points.results(name, _Call.apply(points, name, *arrays))
 
@@ -46,13 +49,19 @@ def _tensor(name: str, port: Port, x: Any, real: torch.dtype) -> torch.Tensor:
     if not isinstance(x, torch.Tensor):
         return torch.as_tensor(np.array(x, dtype=float), dtype=real)
     if x.is_complex() or x.dtype == torch.bool:
-        raise ArgumentError(f"{name}, {port.name}: given entries of type {x.dtype}, expected real numbers")
+        raise ArgumentError(
+            f"{name}, {port.name}: given entries of type {x.dtype}, expected real numbers"
+        )
     if x.device.type != "cpu":
-        raise ArgumentError(f"{name}, {port.name}: given a tensor on {x.device}, expected one on the CPU: x.cpu()")
+        raise ArgumentError(
+            f"{name}, {port.name}: given a tensor on {x.device}, expected one on the CPU: x.cpu()"
+        )
     return x.to(real)
 
 
-def _evaluate(points: Points, name: str, arrays: Sequence[torch.Tensor]) -> tuple[torch.Tensor, ...]:
+def _evaluate(
+    points: Points, name: str, arrays: Sequence[torch.Tensor]
+) -> tuple[torch.Tensor, ...]:
     """The results by C, which reads and writes the tensors where they are."""
     function, real = points.functions[name], _real(points)
     lead = points.lead(name, [tuple(x.shape) for x in arrays])
@@ -64,7 +73,9 @@ def _evaluate(points: Points, name: str, arrays: Sequence[torch.Tensor]) -> tupl
     )
     count = ctypes.c_int64(int(np.prod(lead, dtype=np.int64)))
     if module().flexgen_points(ctypes.byref(points.entries[name]), count, where, many) != 0:
-        raise BuildError(f"{name}: given {count.value} points, which the library refused; generate it again")
+        raise BuildError(
+            f"{name}: given {count.value} points, which the library refused; generate it again"
+        )
     return tuple(made)
 
 
@@ -87,7 +98,9 @@ class _Call(torch.autograd.Function):
         points.check_order(name)
         function, product = points.functions[name], points.product(name, "vjp")
         values = {port.name: x for port, x in zip(function.inputs, ctx.saved_tensors, strict=True)}
-        values |= {port.name + COTANGENT: w for port, w in zip(function.outputs, weights, strict=True)}
+        values |= {
+            port.name + COTANGENT: w for port, w in zip(function.outputs, weights, strict=True)
+        }
         back = _Call.apply(points, product.name, *(values[port.name] for port in product.inputs))
         found = {port.name: g for port, g in zip(product.outputs, back, strict=True)}
         results: list[torch.Tensor | None] = []
@@ -110,10 +123,15 @@ class _Call(torch.autograd.Function):
         return _Call.apply(points, product.name, *(values[port.name] for port in product.inputs))
 
     @staticmethod
-    def vmap(info: Any, axes: Sequence[int | None], points: Points, name: str, *arrays: torch.Tensor) -> Any:
+    def vmap(
+        info: Any, axes: Sequence[int | None], points: Points, name: str, *arrays: torch.Tensor
+    ) -> Any:
         """A new axis in front; arrays without any axis of a batch stay as they are."""
         ports = points.functions[name].inputs
-        moved = [x if axis is None else x.movedim(axis, 0) for x, axis in zip(arrays, axes[2:], strict=True)]
+        moved = [
+            x if axis is None else x.movedim(axis, 0)
+            for x, axis in zip(arrays, axes[2:], strict=True)
+        ]
         starts = [int(axis is not None) for axis in axes[2:]]
         shapes = [tuple(x.shape[start:]) for x, start in zip(moved, starts, strict=True)]
         lead = points.lead(name, shapes)

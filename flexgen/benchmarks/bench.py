@@ -43,7 +43,11 @@ class Bench:
     """The robots of a scenario, ready for any controller; ``seed`` of the draws, ``steps`` of the integrator."""
 
     def __init__(self, chosen: Scenario, seed: int | None = None, steps: int | None = None) -> None:
-        self.scenario, self.seed, self.steps = chosen, chosen.seed if seed is None else seed, steps or chosen.steps
+        self.scenario, self.seed, self.steps = (
+            chosen,
+            chosen.seed if seed is None else seed,
+            steps or chosen.steps,
+        )
         self.draws = draws_of(chosen, self.seed)
         self._parts = _prepare(chosen)
 
@@ -66,9 +70,16 @@ class Bench:
         for number, draw in enumerate(self.draws):
             label = f"draw {number + 1} of {len(self.draws)}, " if len(self.draws) > 1 else ""
             z, u, failures = self.simulate(
-                controller, [*range(robots), 0, 0], gains, delays, draw, tell and _add_prefix(tell, label)
+                controller,
+                [*range(robots), 0, 0],
+                gains,
+                delays,
+                draw,
+                tell and _add_prefix(tell, label),
             )
-            own = np.array([compute_measures(s, draw.windows, z[:, k], u[:, k]) for k in range(robots)])
+            own = np.array(
+                [compute_measures(s, draw.windows, z[:, k], u[:, k]) for k in range(robots)]
+            )
             values.append(own)
             for reason in self._reasons(draw, names, z, own, failures):
                 refused[reason if len(self.draws) == 1 else f"{label}{reason}"] = None
@@ -77,7 +88,12 @@ class Bench:
         return Trial(np.array(values), tuple(refused), traces)
 
     def _reasons(
-        self, draw: Draw, names: Sequence[str], z: np.ndarray, values: np.ndarray, failures: Sequence[str]
+        self,
+        draw: Draw,
+        names: Sequence[str],
+        z: np.ndarray,
+        values: np.ndarray,
+        failures: Sequence[str],
     ) -> list[str]:
         """Why a controller is refused in a draw."""
         s, accept, refused = self.scenario, self.scenario.accept, []
@@ -101,7 +117,9 @@ class Bench:
                 f"{accept.torque_noise_Nm:g} N m"
             )
         for k, m in enumerate(measures_of(s)):
-            broken = [name for name, own in zip(names, values[:, k], strict=False) if not np.isfinite(own)]
+            broken = [
+                name for name, own in zip(names, values[:, k], strict=False) if not np.isfinite(own)
+            ]
             if broken and not any(failures):
                 refused.append(f"{broken[0]}: {m.name} is not a finite number")
         return refused
@@ -156,7 +174,9 @@ def _disturbances(s: Scenario, draw: Draw, steps: int, first: int, count: int) -
     """Disturbances of samples, in each step of the integrator; noise is slow to compute, so that they are kept."""
     step = s.sample_s / steps
     instants = s.sample_s * first + step * (np.arange(count * steps) + 0.5)
-    return disturbance_table({0: draw.disturbances}, [m.name for m in s.model.motors], instants, 1, draw.seed)
+    return disturbance_table(
+        {0: draw.disturbances}, [m.name for m in s.model.motors], instants, 1, draw.seed
+    )
 
 
 @dataclass(frozen=True)
@@ -184,7 +204,9 @@ def _prepare(s: Scenario) -> _Prepared:
     q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
     still_a, still_m = np.zeros((1, s.model.n_a)), np.zeros((1, s.model.n_m))
     rate = max(
-        local.largest_rate((a[None], still_a, still_a, q_m[None], still_m, still_m, t[None]), values)
+        local.largest_rate(
+            (a[None], still_a, still_a, q_m[None], still_m, still_m, t[None]), values
+        )
         for a, t, values in zip(q_a, tau, s.plants.values, strict=True)
     )
     return _Prepared(library, q_a, q_m, tau, rate, _outputs(s, library))
@@ -199,7 +221,9 @@ def _outputs(s: Scenario, library: Any) -> Callable[[np.ndarray], np.ndarray]:
         out = (weights @ q_a).transpose(0, 2, 1)
         if any(o.axis for o in s.outputs):
             n, n_a, lanes = q_a.shape
-            p = library.forward_kinematics(q_a.transpose(0, 2, 1).reshape(-1, n_a)).p.reshape(n, lanes, 3)
+            p = library.forward_kinematics(q_a.transpose(0, 2, 1).reshape(-1, n_a)).p.reshape(
+                n, lanes, 3
+            )
             for k, o in enumerate(s.outputs):
                 if o.axis:
                     out[:, :, k] = o.scale * p[:, :, "xyz".index(o.axis)]

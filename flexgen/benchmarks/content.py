@@ -23,7 +23,16 @@ from flexgen.model.elements import RobotModel
 DIGITS = 12
 # What enters a score, where not all fields do: of a model the data of the equations of motion, no texts.
 KEPT = {
-    RobotModel: ("name", "gravity", "base", "elements", "motors", "tool", "payload", "motor_coupling"),
+    RobotModel: (
+        "name",
+        "gravity",
+        "base",
+        "elements",
+        "motors",
+        "tool",
+        "payload",
+        "motor_coupling",
+    ),
     Plants: ("names", "parameters", "values"),
     Parameter: ("name",),
 }
@@ -37,7 +46,9 @@ def content_hash(value: Any, what: str) -> str:
     ArgumentError
         A number is not finite, or something else is in it; the place is named.
     """
-    text = json.dumps(_to_plain(value, what), sort_keys=True, ensure_ascii=True, separators=(",", ":"))
+    text = json.dumps(
+        _to_plain(value, what), sort_keys=True, ensure_ascii=True, separators=(",", ":")
+    )
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
@@ -60,7 +71,9 @@ def _to_plain(value: Any, where: str) -> Any:
         return [_to_plain(x, f"{where}[{k}]") for k, x in enumerate(value)]
     if is_dataclass(value) and not isinstance(value, type):
         return [type(value).__name__, _of_fields(value, where)]
-    raise ArgumentError(f"{where}: given {value!r}, expected data: numbers, texts and what is made of them")
+    raise ArgumentError(
+        f"{where}: given {value!r}, expected data: numbers, texts and what is made of them"
+    )
 
 
 def _of_fields(value: Any, where: str) -> dict[str, Any]:

@@ -15,7 +15,8 @@ from functools import lru_cache
 from flexgen.benchmarks.scenario import Scenario, Window
 from flexgen.environment.disturbances import Disturbance
 
-FIRST_K = 2**20  # the number of the first sample that a controller sees is drawn from FIRST_K to 2 FIRST_K
+# the number of the first sample that a controller sees is drawn from FIRST_K to 2 FIRST_K
+FIRST_K = 2**20
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,11 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.interface import INTERRUPTED, Compiled, PlugIn, PythonController, Setup
 
 INSIDE = "FLEXGEN_CONTROLLER_PROCESS"  # set in the environment of the process
-STEP_S, BEGIN_S, TOTAL_S = 5.0, 60.0, 1800.0  # longest answer for a sample, longest begin, all answers together
-_TOGETHER = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+# longest answer for a sample, longest begin, all answers together
+STEP_S, BEGIN_S, TOTAL_S = 5.0, 60.0, 1800.0
+_TOGETHER = ctypes.CFUNCTYPE(
+    None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
+)
 
 
 class ForeignController:
@@ -77,7 +80,11 @@ class ForeignController:
 
         def together(k: int, at_y: int, at_ref: int, at_u: int) -> None:
             try:
-                sent = struct.pack("=q", k) + ctypes.string_at(at_y, sizes[0]) + ctypes.string_at(at_ref, sizes[1])
+                sent = (
+                    struct.pack("=q", k)
+                    + ctypes.string_at(at_y, sizes[0])
+                    + ctypes.string_at(at_ref, sizes[1])
+                )
                 answer = self._ask(sent, sizes[2], errors)
             except KeyboardInterrupt:  # C cannot pass it on
                 errors[0], answer = INTERRUPTED, None
@@ -139,8 +146,15 @@ class ForeignController:
         self._limit, self._deadline = BEGIN_S, time.monotonic() + BEGIN_S
         if self._process is None:
             self._start()
-        numbers = {"n_a": setup.n_a, "n_y": setup.n_y, "n_ref": setup.n_ref, "sample_s": setup.sample_s}
-        text = json.dumps(self._load | numbers | {"q_m": setup.q_m.tolist(), "path": sys.path}).encode()
+        numbers = {
+            "n_a": setup.n_a,
+            "n_y": setup.n_y,
+            "n_ref": setup.n_ref,
+            "sample_s": setup.sample_s,
+        }
+        text = json.dumps(
+            self._load | numbers | {"q_m": setup.q_m.tolist(), "path": sys.path}
+        ).encode()
         head = self._exchange(struct.pack("=qq", BEGIN, len(text)) + text, 8)
         size = struct.unpack("=q", head)[0] if head is not None else -1
         told = self._exchange(b"", size) if 0 <= size < 2**20 else None
@@ -155,8 +169,12 @@ class ForeignController:
         path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH", "")]))
         own = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", INSIDE: "1"}
         command = [sys.executable, "-m", foreign_process.__name__]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=own)
-        threading.Thread(target=_watch, args=(self, self._process), name="controller", daemon=True).start()
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=own
+        )
+        threading.Thread(
+            target=_watch, args=(self, self._process), name="controller", daemon=True
+        ).start()
 
     def _exchange(self, sent: bytes, size: int) -> bytes | None:
         """Send bytes and receive ``size`` of them; None where the process has ended."""
@@ -182,7 +200,11 @@ class ForeignController:
         """Why there is no answer."""
         if self._failure:
             return self._failure
-        code = self._process.wait(1.0) if self._process is not None and self._process.poll() is not None else None
+        code = (
+            self._process.wait(1.0)
+            if self._process is not None and self._process.poll() is not None
+            else None
+        )
         return "the controller's process ended" + (f" with code {code}" if code is not None else "")
 
 
@@ -219,4 +241,8 @@ def _pickle(given: Any) -> str:
 def _main_file(given: Any) -> str:
     """The program's file where it has the class of the object, or nothing."""
     file = getattr(sys.modules.get("__main__"), "__file__", None)
-    return str(Path(file).resolve()) if type(given).__module__ == "__main__" and file and Path(file).is_file() else ""
+    return (
+        str(Path(file).resolve())
+        if type(given).__module__ == "__main__" and file and Path(file).is_file()
+        else ""
+    )

@@ -16,12 +16,21 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from flexgen.errors import FlexgenError
-from flexgen.loop.interface import STEP, Measurement, PlugIn, PythonController, Setup, check_step, reference_of
+from flexgen.loop.interface import (
+    STEP,
+    Measurement,
+    PlugIn,
+    PythonController,
+    Setup,
+    check_step,
+    reference_of,
+)
 from flexgen.loop.python_files import is_python, module_of_file, object_of_file
 
 BEGIN = -1  # in the place of the number of a sample: the controller and the robots follow
 
-Steps = Callable[[int], dict[int, str]]  # from the number of a sample: what is wrong with robots, by their number
+# from the number of a sample: what is wrong with robots, by their number
+Steps = Callable[[int], dict[int, str]]
 
 
 def main() -> None:
@@ -113,7 +122,10 @@ class _Robots:
         entry = STEP(made.address)
         keep = made
         at = [
-            tuple(ctypes.c_void_p(x[lane].ctypes.data) for x in (keep.memory, self.y, self.ref, self.u))
+            tuple(
+                ctypes.c_void_p(x[lane].ctypes.data)
+                for x in (keep.memory, self.y, self.ref, self.u)
+            )
             for lane in range(len(self.y))
         ]
 

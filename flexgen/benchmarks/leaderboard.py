@@ -42,7 +42,9 @@ def controller_names(chosen: Scenario, given: Sequence[str]) -> list[str]:
     return [one for name in given for one in (shipped if name == "all" else [name])]
 
 
-def scenario_controller(given: Any, chosen: Scenario, motion: Sequence[np.ndarray]) -> tuple[Controller, str]:
+def scenario_controller(
+    given: Any, chosen: Scenario, motion: Sequence[np.ndarray]
+) -> tuple[Controller, str]:
     """A controller for a scenario, and its name; see `flexgen.score`. Code of others comes as a `ForeignController`."""
     title = ""
     if isinstance(given, str) and given == "reference":

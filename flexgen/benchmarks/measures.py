@@ -18,7 +18,8 @@ import numpy as np
 
 from flexgen.benchmarks.scenario import Scenario, Window
 
-LAST_S, REST_S = 0.1, 1.0  # the mean of this end of a window is what an output settles to; rest in the end of a run
+# the mean of this end of a window is what an output settles to; rest in the end of a run
+LAST_S, REST_S = 0.1, 1.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,9 @@ _WORDS = {
 }
 
 
-def compute_measures(scenario: Scenario, windows: Sequence[Window], z: np.ndarray, u: np.ndarray) -> np.ndarray:
+def compute_measures(
+    scenario: Scenario, windows: Sequence[Window], z: np.ndarray, u: np.ndarray
+) -> np.ndarray:
     """Values of the measures (k,) from outputs z (n, outputs) and commanded torques u (n, n_m) less those at rest.
 
     ``windows``: those of the draw. Torques of several motors count in their largest one, and in the root of the sum
@@ -93,7 +96,9 @@ def _of_output(kind: str, z: np.ndarray, scenario: Scenario) -> float:
     rest = z[-round(LAST_S / scenario.sample_s) :].mean()
     if scenario.measures_version > 1:
         envelope = np.maximum.accumulate(np.abs(z - rest)[::-1])
-        return scenario.sample_s * float(np.clip(envelope / scenario.tolerance - 0.5, 0.0, 1.0).sum())
+        return scenario.sample_s * float(
+            np.clip(envelope / scenario.tolerance - 0.5, 0.0, 1.0).sum()
+        )
     outside = np.flatnonzero(np.abs(z - rest) > scenario.tolerance)
     return scenario.sample_s * float(outside[-1]) if len(outside) else 0.0
 

@@ -165,10 +165,14 @@ class Scenario:
         _ = self.content  # finite numbers only
         weights = [w for window in self.measured for w in window.weights.values()]
         if not weights or min(weights) < 0 or not sum(weights) > 0:
-            raise ArgumentError(f"{self.name}, weights: given {weights}, expected numbers >= 0, not all zero")
+            raise ArgumentError(
+                f"{self.name}, weights: given {weights}, expected numbers >= 0, not all zero"
+            )
         scales = (self.nominal_weight, *self.set_weights)
         if min(scales) < 0 or not sum(scales) > 0:
-            raise ArgumentError(f"{self.name}, weights of the score: given {scales}, expected numbers >= 0")
+            raise ArgumentError(
+                f"{self.name}, weights of the score: given {scales}, expected numbers >= 0"
+            )
 
     @property
     def content(self) -> str:

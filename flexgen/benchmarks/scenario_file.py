@@ -13,7 +13,16 @@ import numpy as np
 from scipy.linalg import hadamard
 
 from flexgen.benchmarks.measures import REST_S
-from flexgen.benchmarks.scenario import FROZEN, NAMES, Accept, Output, Plan, Scenario, Segment, Window
+from flexgen.benchmarks.scenario import (
+    FROZEN,
+    NAMES,
+    Accept,
+    Output,
+    Plan,
+    Scenario,
+    Segment,
+    Window,
+)
 from flexgen.environment.disturbances import DISTURBANCES, TOOL_AXES, Disturbance
 from flexgen.errors import ArgumentError
 from flexgen.loop.controller_files import CONTROLLER, table_controller
@@ -23,13 +32,25 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import packaged_models, read
 from flexgen.spec import keys
 from flexgen.spec.arguments import is_whole
-from flexgen.spec.keys import REQUIRED, Context, Format, Key, Type, listed, required, sub, text, vector
+from flexgen.spec.keys import (
+    REQUIRED,
+    Context,
+    Format,
+    Key,
+    Type,
+    listed,
+    required,
+    sub,
+    text,
+    vector,
+)
 from flexgen.spec.tables import Table, file_bytes, file_table
 
 FOLDER = Path(__file__).resolve().parent
 KINDS = ("peak", "rms", "settling", "torque_peak", "torque_max", "torque_rms")
 MOST_DRAWS, MOST_STEPS, LARGEST = 1000, 10_000, 10**9
-LENGTHS = {"m": 1.0, "mm": 1e3, "um": 1e6}  # units of the tool's position, and how many of each are a meter
+# units of the tool's position, and how many of each are a meter
+LENGTHS = {"m": 1.0, "mm": 1e3, "um": 1e6}
 LONGEST_S = 3600.0  # run
 
 
@@ -50,19 +71,27 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
     ModelError
         Its model cannot be read.
     """
-    text, _, after = str(name).partition("@") if str(name).partition("@")[0] in NAMES else (str(name), "", "")
+    text, _, after = (
+        str(name).partition("@") if str(name).partition("@")[0] in NAMES else (str(name), "", "")
+    )
     if text not in NAMES:
         if Path(text).suffix != ".toml":
-            raise ArgumentError(f"scenario: given {text!r}, expected {', '.join(NAMES)} or the path of a .toml file")
+            raise ArgumentError(
+                f"scenario: given {text!r}, expected {', '.join(NAMES)} or the path of a .toml file"
+            )
         if version is not None:
-            raise ArgumentError(f"version: given {version!r} with the file {text}, expected none: the file states it")
+            raise ArgumentError(
+                f"version: given {version!r} with the file {text}, expected none: the file states it"
+            )
         return _parse_table(Path(text), file_bytes(Path(text), "scenario"), None)
     known = [number for key, number in FROZEN if key == text]
     if after and version is None:
         version = int(after) if after.isdecimal() and len(after) < 4 else -1
     chosen = known[-1] if version is None else version
     if not is_whole(chosen) or chosen not in known or (after and after != str(chosen)):
-        raise ArgumentError(f"version of {name}: given {version!r}, expected one of {', '.join(map(str, known))}")
+        raise ArgumentError(
+            f"version of {name}: given {version!r}, expected one of {', '.join(map(str, known))}"
+        )
     path = FOLDER / f"{text}-{chosen}.toml"
     return _parse_table(path, file_bytes(path, "scenario"), (text, int(chosen)))
 
@@ -108,7 +137,12 @@ NUMBER, TIME = keys.number(least=0.0, most=LARGEST), keys.number(least=1e-3, mos
 DELAY, SPAN = Type(_read_delay, NUMBER.schema), Type(_read_span, vector(2).schema)
 TEXT = Type(lambda table, key, here: table.text(key.name).strip(), text().schema)
 NAME = Key("name", text(), "name")
-WEIGHTS = Key("weights", keys.by_name(lambda here: KINDS, 0.0), "weights of the measures", check=_check_weights)
+WEIGHTS = Key(
+    "weights",
+    keys.by_name(lambda here: KINDS, 0.0),
+    "weights of the measures",
+    check=_check_weights,
+)
 
 
 # --- disturbances and parts of a run ----------------------------------------------------------------------------------
@@ -117,9 +151,13 @@ WEIGHTS = Key("weights", keys.by_name(lambda here: KINDS, 0.0), "weights of the 
 def _check_times(table: Table, here: Context) -> None:
     """Disturbances lie within their segment or run."""
     length = here.values.get("length_s") or here.values["duration_s"]
-    for inner, d in zip(table.tables("disturbance", False), here.values["disturbance"], strict=True):
+    for inner, d in zip(
+        table.tables("disturbance", False), here.values["disturbance"], strict=True
+    ):
         if not 0 <= d.start_s < length or (d.kind != "step" and d.end_s > length):
-            raise inner.fail("start_s", f"one that ends within {length:g} s", f"{d.start_s:g} to {d.end_s:g} s")
+            raise inner.fail(
+                "start_s", f"one that ends within {length:g} s", f"{d.start_s:g} to {d.end_s:g} s"
+            )
 
 
 def _check_overlap(table: Table, here: Context) -> None:
@@ -129,26 +167,46 @@ def _check_overlap(table: Table, here: Context) -> None:
     for (first, a), (second, b) in combinations(rows, 2):
         both = a.where == b.where and "step" not in (a.kind, b.kind)
         if both and b.start_s < a.end_s and a.start_s < b.end_s:
-            raise second.fail("start_s", f"one that does not overlap {first.data.get('name', first.key)} on {a.where}")
+            raise second.fail(
+                "start_s",
+                f"one that does not overlap {first.data.get('name', first.key)} on {a.where}",
+            )
 
 
 def _check_segments(table: Table, here: Context) -> None:
     segments, draw, duration = (here.values[key] for key in ("segment", "draw", "duration_s"))
     if len({segment.name for segment in segments}) != len(segments):
-        raise table.fail("segment", "segments of different names", str([segment.name for segment in segments]))
-    longest = draw["lead_s"][1] + sum(s.length_s + draw["wait_s"][1] for s in segments) + draw["end_s"]
+        raise table.fail(
+            "segment", "segments of different names", str([segment.name for segment in segments])
+        )
+    longest = (
+        draw["lead_s"][1] + sum(s.length_s + draw["wait_s"][1] for s in segments) + draw["end_s"]
+    )
     if longest > duration + 1e-9:
         raise table.fail("duration_s", f"at least {longest:g} s: the longest run that is drawn")
 
 
-_PLACE = keys.known(lambda here: (*(motor.name for motor in here.of_file("model").motors), *TOOL_AXES))
-_OF_CLASS = keys.of_class(Disturbance, "disturbance").typed(kind=keys.choice(*DISTURBANCES), where=_PLACE)
-DISTURBANCE = replace(
-    _OF_CLASS, keys=(replace(NAME, default=""), *_OF_CLASS.keys), make=lambda name, **values: Disturbance(**values)
+_PLACE = keys.known(
+    lambda here: (*(motor.name for motor in here.of_file("model").motors), *TOOL_AXES)
 )
-GIVEN = Key("disturbance", listed(DISTURBANCE, least=0), "disturbances; times count from the begin", check=_check_times)
+_OF_CLASS = keys.of_class(Disturbance, "disturbance").typed(
+    kind=keys.choice(*DISTURBANCES), where=_PLACE
+)
+DISTURBANCE = replace(
+    _OF_CLASS,
+    keys=(replace(NAME, default=""), *_OF_CLASS.keys),
+    make=lambda name, **values: Disturbance(**values),
+)
+GIVEN = Key(
+    "disturbance",
+    listed(DISTURBANCE, least=0),
+    "disturbances; times count from the begin",
+    check=_check_times,
+)
 SEGMENT = Format(
-    "part of a run", (NAME, Key("length_s", TIME, "length", "s"), WEIGHTS, replace(GIVEN, default=())), make=Segment
+    "part of a run",
+    (NAME, Key("length_s", TIME, "length", "s"), WEIGHTS, replace(GIVEN, default=())),
+    make=Segment,
 )
 WINDOW = Format(
     "part of a run that measures are taken in",
@@ -181,8 +239,16 @@ OUTPUT = Format(
         NAME,
         Key("unit", text(), "unit"),
         Key("weights", _COORDINATES, "of the coordinates", default={}),
-        Key("tool_axis", keys.choice(*"xyz"), "axis", default=_unless_weights(""), attribute="axis"),
-        Key("scale", NUMBER, "how many of the unit are a meter", default=_unless_weights(1.0), check=_check_scale),
+        Key(
+            "tool_axis", keys.choice(*"xyz"), "axis", default=_unless_weights(""), attribute="axis"
+        ),
+        Key(
+            "scale",
+            NUMBER,
+            "how many of the unit are a meter",
+            default=_unless_weights(1.0),
+            check=_check_scale,
+        ),
     ),
     make=Output,
 )
@@ -191,7 +257,11 @@ OUTPUT = Format(
 def _read_model(table: Table, key: Key, here: Context) -> RobotModel:
     """The model and its changes; of a published benchmark that which comes with flexgen, whatever the folder has."""
     found = sub(MODEL).read(table, key, here)
-    name = packaged_models() / f"{found['name']}.toml" if Path(table.file).parent == FOLDER else found["name"]
+    name = (
+        packaged_models() / f"{found['name']}.toml"
+        if Path(table.file).parent == FOLDER
+        else found["name"]
+    )
     return read(name, found["variant"], None if found["set"] is None else found["set"].data)
 
 
@@ -199,11 +269,15 @@ _SET = Key("set", keys.any_table(), "changes by dotted path", default=None)
 MODEL = Format("model of the robots", (NAME, Key("variant", text(), "variant", default=None), _SET))
 FACTOR = required("parameters that change together", names=keys.words(), change=NUMBER)
 SET = required(
-    "robots: a column of a Hadamard matrix for each factor", name=text(), factors=listed(FACTOR, 0, plural=False)
+    "robots: a column of a Hadamard matrix for each factor",
+    name=text(),
+    factors=listed(FACTOR, 0, plural=False),
 )
 
 
-def _plants(model: RobotModel, rows: Sequence[dict[str, Any]]) -> tuple[Plants, dict[str, tuple[int, ...]]]:
+def _plants(
+    model: RobotModel, rows: Sequence[dict[str, Any]]
+) -> tuple[Plants, dict[str, tuple[int, ...]]]:
     """The nominal robot and those of all sets."""
     names, numbers = [NOMINAL], [dict[str, float]()]
     sets: dict[str, tuple[int, ...]] = {}
@@ -232,25 +306,44 @@ def _plants(model: RobotModel, rows: Sequence[dict[str, Any]]) -> tuple[Plants, 
 
 
 def _scenario(
-    format: int, model: RobotModel, set: Any, measures: Any, score: Any, segment: Any = (), draw: Any = None, **own: Any
+    format: int,
+    model: RobotModel,
+    set: Any,
+    measures: Any,
+    score: Any,
+    segment: Any = (),
+    draw: Any = None,
+    **own: Any,
 ) -> Scenario:
     plants, sets = _plants(model, set)
     if draw is not None:
         own["plan"] = Plan(draw.pop("count"), **draw, segments=segment)
         own |= {"disturbances": (), "measures_version": measures["version"]}
-    own |= {"nominal_weight": score["nominal"], "set_weights": score["sets"], "tolerance": measures["tolerance"]}
+    own |= {
+        "nominal_weight": score["nominal"],
+        "set_weights": score["sets"],
+        "tolerance": measures["tolerance"],
+    }
     return Scenario(**own, model=model, plants=plants, sets=sets, windows=measures["windows"])
 
 
 _WEIGHTS = vector(size=lambda here: len(here.of_file("set")))
 _MOTORS, _JOINTS = (
-    vector(size=size) for size in (lambda here: here.of_file("model").n_m, lambda here: len(here.of_file("model").i_g))
+    vector(size=size)
+    for size in (
+        lambda here: here.of_file("model").n_m,
+        lambda here: len(here.of_file("model").i_g),
+    )
 )
 _ANY = keys.any_table()
-_REFERENCE = Type(lambda table, key, here: table_controller(_ANY.read(table, key, here)), {}, form=CONTROLLER)
+_REFERENCE = Type(
+    lambda table, key, here: table_controller(_ANY.read(table, key, here)), {}, form=CONTROLLER
+)
 _VERSION, _WINDOWS = keys.among(1, 2), listed(WINDOW, 0, plural=False)
 MEASURES = required("what is measured", version=_VERSION, tolerance=NUMBER, windows=_WINDOWS)
-SCORE = required("weights of the nominal robot, and of the worst one of each set", nominal=NUMBER, sets=_WEIGHTS)
+SCORE = required(
+    "weights of the nominal robot, and of the worst one of each set", nominal=NUMBER, sets=_WEIGHTS
+)
 SPANS = required(
     "random numbers: how many draws, spans, and the rest in the end of the run",
     count=keys.whole(1, MOST_DRAWS),
@@ -259,7 +352,9 @@ SPANS = required(
     factor=SPAN,
     end_s=keys.number(least=REST_S),
 )
-LIMITS = required("limits at rest", Accept, delay_s=DELAY, gain=NUMBER, torque_noise_Nm=NUMBER, rest=NUMBER)
+LIMITS = required(
+    "limits at rest", Accept, delay_s=DELAY, gain=NUMBER, torque_noise_Nm=NUMBER, rest=NUMBER
+)
 FORMAT = Key("format", keys.among(1, 2), "2: what is drawn, and the version of the measures")
 
 
@@ -280,7 +375,14 @@ def _file(version: int, own: tuple[Key, ...], measures: Format) -> Format:
         Key("encoder_noise_rad", NUMBER, "noise of the motor angles", "rad"),
         Key("torque_max_Nm", _MOTORS, "largest torque", "N m", note="one for each of the motors"),
         Key("seed", keys.whole(0, LARGEST), "seed of noise and draws"),
-        Key("start_rad", _JOINTS, "the joints that are regulated", "rad", note="joints", attribute="start"),
+        Key(
+            "start_rad",
+            _JOINTS,
+            "the joints that are regulated",
+            "rad",
+            note="joints",
+            attribute="start",
+        ),
         Key("output", listed(OUTPUT, least=0), OUTPUT.doc),
         *own,
         Key("measures", sub(measures), measures.doc),
@@ -295,7 +397,12 @@ def _file(version: int, own: tuple[Key, ...], measures: Format) -> Format:
 DRAWN = (
     Key("rule", TEXT, "rule of the benchmark"),
     Key("draw", sub(SPANS), SPANS.doc),
-    Key("segment", listed(SEGMENT, plural=False), "parts of a run, in an order that is drawn", check=_check_segments),
+    Key(
+        "segment",
+        listed(SEGMENT, plural=False),
+        "parts of a run, in an order that is drawn",
+        check=_check_segments,
+    ),
 )
 FORMATS = {
     1: _file(1, (replace(GIVEN, check=_check_overlap),), MEASURES.without("version")),

@@ -36,9 +36,13 @@ from flexgen.spec.arguments import is_whole, seed_of
 from flexgen.type_checks import checked_result, checked_types
 
 
-def robot_scores(measures: Sequence[Measure], values: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def robot_scores(
+    measures: Sequence[Measure], values: np.ndarray, reference: np.ndarray
+) -> np.ndarray:
     """Scores of the robots (draws, robots) by measures (draws, robots, k) and those of the reference (draws, k)."""
-    return np.asarray((values / reference[:, None]) @ np.array([measure.weight for measure in measures]))
+    return np.asarray(
+        (values / reference[:, None]) @ np.array([measure.weight for measure in measures])
+    )
 
 
 def draw_totals(chosen: Scenario, each: np.ndarray) -> np.ndarray:
@@ -123,7 +127,11 @@ class Score(Result):
     @property
     def spread(self) -> float:
         """Standard deviation of the scores of the draws; NaN with one draw, or where the controller is refused."""
-        return float(self._totals.std(ddof=1)) if self.accepted and len(self._totals) > 1 else float("nan")
+        return (
+            float(self._totals.std(ddof=1))
+            if self.accepted and len(self._totals) > 1
+            else float("nan")
+        )
 
     @property
     def per_draw(self) -> np.ndarray:
@@ -141,7 +149,8 @@ class Score(Result):
             return {}
         each = self.per_draw
         return {NOMINAL: float(each[:, 0].mean())} | {
-            name: float(each[:, list(lanes)].max(axis=1).mean()) for name, lanes in self.scenario.sets.items()
+            name: float(each[:, list(lanes)].max(axis=1).mean())
+            for name, lanes in self.scenario.sets.items()
         }
 
     @property
@@ -149,14 +158,18 @@ class Score(Result):
         """Worst draw and spread in words; empty with one draw."""
         if len(self.totals) < 2:
             return ""
-        return f"worst draw {self.worst:.4f}, spread {self.spread:.4f} over {len(self.totals)} draws"
+        return (
+            f"worst draw {self.worst:.4f}, spread {self.spread:.4f} over {len(self.totals)} draws"
+        )
 
     def __str__(self) -> str:
         """The scenario, the score and its parts; for a controller that is refused the reasons only."""
         head = f"{self.scenario.title_line}\ncontroller {self.controller}"
         note = [f"  {self.rule}"] if self.rule else []
         if not self.accepted:
-            return "\n".join([f"{head}: refused, no score", *(f"  {reason}" for reason in self.refused), *note])
+            return "\n".join(
+                [f"{head}: refused, no score", *(f"  {reason}" for reason in self.refused), *note]
+            )
         parts = ", ".join(f"{name} {value:.4f}" for name, value in self.parts.items())
         words = f"; {self.spread_words}" if self.spread_words else ""
         return "\n".join([f"{head}: V = {self.total:.4f} ({parts}{words})", *note])
@@ -199,8 +212,17 @@ class Score(Result):
             return head
         robots = dict(zip(s.plants.names, map(float, self.each), strict=True))
         several = len(self.totals) > 1
-        spread = {"worst": self.worst, "spread": self.spread, "draws": self.totals.tolist()} if several else {}
-        return head | {"score": self.total} | spread | {"parts": self.parts, "robots": robots, "measures": self.table}
+        spread = (
+            {"worst": self.worst, "spread": self.spread, "draws": self.totals.tolist()}
+            if several
+            else {}
+        )
+        return (
+            head
+            | {"score": self.total}
+            | spread
+            | {"parts": self.parts, "robots": robots, "measures": self.table}
+        )
 
 
 @checked_types
@@ -251,7 +273,9 @@ def score(
     if steps is not None and not is_whole(steps, 1, 10_000):
         raise ArgumentError(f"steps: given {steps!r}, expected 1 to 10000")
     if isinstance(name, Scenario) and version is not None:
-        raise ArgumentError(f"version: given {version!r} with a scenario, expected none: the scenario has its own")
+        raise ArgumentError(
+            f"version: given {version!r} with a scenario, expected none: the scenario has its own"
+        )
     if os.environ.get(INSIDE):
         raise ArgumentError(
             "score: called in the process of a controller, expected only in a program: put the call under "
@@ -272,19 +296,36 @@ def score(
             made.close()
     seconds = time.perf_counter() - began
     return Score(
-        chosen, title, seed, rule, measures_of(chosen), trial.values, units, trial.refused, seconds, trial.traces
+        chosen,
+        title,
+        seed,
+        rule,
+        measures_of(chosen),
+        trial.values,
+        units,
+        trial.refused,
+        seconds,
+        trial.traces,
     )
 
 
-def _find_broken_rule(chosen: Scenario, made: Controller, seed: int | None, steps: int | None) -> str:
+def _find_broken_rule(
+    chosen: Scenario, made: Controller, seed: int | None, steps: int | None
+) -> str:
     """Why a score does not follow the rule of its benchmark, or nothing."""
     if isinstance(made, ForeignController):
         if chosen.plan is None:
-            return f"no fair score: the times of version {chosen.version} are known to the controller"
+            return (
+                f"no fair score: the times of version {chosen.version} are known to the controller"
+            )
         if seed is not None:
-            return f"no fair score: the seed {seed} was given, and the controller may know its draws"
+            return (
+                f"no fair score: the seed {seed} was given, and the controller may know its draws"
+            )
         if made.is_object:
-            return "no published score: the object is part of the program that scores it; give a file"
+            return (
+                "no published score: the object is part of the program that scores it; give a file"
+            )
     elif seed is not None and seed != chosen.seed:
         return f"not the published score: other draws and noise, of the seed {seed}"
     if steps is not None and steps != chosen.steps:
@@ -299,7 +340,9 @@ def reference_measures(chosen: Scenario, seed: int, steps: int | None = None) ->
     controller, _ = scenario_controller("reference", chosen, bench.motion)
     out = []
     for draw in draws_of(chosen, seed):
-        z, u, failures = bench.simulate(controller, [0], np.ones(1), np.array([chosen.delay_s]), draw)
+        z, u, failures = bench.simulate(
+            controller, [0], np.ones(1), np.array([chosen.delay_s]), draw
+        )
         if failures[0]:
             raise ArgumentError(f"{chosen.name}: the reference controller failed: {failures[0]}")
         out.append(compute_measures(chosen, draw.windows, z[:, 0], u[:, 0]))

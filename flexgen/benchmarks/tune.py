@@ -63,9 +63,7 @@ class TuningResult(Result):
     evaluations: int
 
     def __repr__(self) -> str:
-        return (
-            f"<TuningResult {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
-        )
+        return f"<TuningResult {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
 
     def __str__(self) -> str:
         before = "refused" if not self.start.accepted else f"{self.start.total:.4f}"
@@ -74,7 +72,9 @@ class TuningResult(Result):
     def save(self, path: str | Path) -> Path:
         """Write the controller as a table in TOML, which `flexgen.score` takes."""
         target = Path(path)
-        write_text(target, cascade_table(self.controller, f"tuned on {self.score.scenario.title_line}"))
+        write_text(
+            target, cascade_table(self.controller, f"tuned on {self.score.scenario.title_line}")
+        )
         return target
 
 
@@ -130,11 +130,21 @@ def tune(
     True
     """
     tell = progress if callable(progress) else None
-    for key, value, most in (("evaluations", evaluations, MOST), ("starts", starts, 1000), ("workers", workers, 512)):
+    for key, value, most in (
+        ("evaluations", evaluations, MOST),
+        ("starts", starts, 1000),
+        ("workers", workers, 512),
+    ):
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
             raise ArgumentError(f"{key}: given {value!r}, expected 1 to {most}")
-    if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
-        raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
+    if (
+        executor is not None
+        and not hasattr(executor, "submit")
+        and not hasattr(executor, "get_executor")
+    ):
+        raise ArgumentError(
+            f"executor: given {executor!r}, expected an object with submit(function, argument)"
+        )
     chosen = name if isinstance(name, Scenario) else scenario(name, version)
     bench = Bench(chosen)
     made, _ = scenario_controller(controller, chosen, bench.motion)
@@ -158,10 +168,17 @@ def tune(
     controller = with_numbers(made, best[0])
     done = score(chosen, controller, progress=False)
     done = replace(done, controller="tuned")
-    return TuningResult(controller, done, score(chosen, made, progress=False), tuple(best[2]), sum(f[3] for f in found))
+    return TuningResult(
+        controller,
+        done,
+        score(chosen, made, progress=False),
+        tuple(best[2]),
+        sum(f[3] for f in found),
+    )
 
 
-Found = tuple[np.ndarray, float, list[float], int]  # best numbers, their value, the history, evaluations
+# best numbers, their value, the history, evaluations
+Found = tuple[np.ndarray, float, list[float], int]
 
 
 @dataclass(frozen=True)
@@ -183,24 +200,38 @@ def _work(job: _Job) -> Found:
     return job.search(None)
 
 
-def _in_parallel(jobs: list[_Job], workers: int, executor: Any, tell: Callable[[str], None] | None) -> list[Found]:
+def _in_parallel(
+    jobs: list[_Job], workers: int, executor: Any, tell: Callable[[str], None] | None
+) -> list[Found]:
     """The starts in the order of their numbers, in other processes."""
     found: dict[int, Found] = {}
     with ExitStack() as stack:
         if executor is None:
-            executor = stack.enter_context(ProcessPoolExecutor(workers, mp_context=get_context("spawn")))
+            executor = stack.enter_context(
+                ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+            )
         for job, result in stack.enter_context(closing(with_executor(jobs, executor, None, _work))):
             found[job.number] = result
             if tell is not None:
-                tell(f"{len(found)} of {len(jobs)} starts, best {min(f[1] for f in found.values()):.4f}")
+                tell(
+                    f"{len(found)} of {len(jobs)} starts, best {min(f[1] for f in found.values()):.4f}"
+                )
     return [found[job.number] for job in jobs]
 
 
 def _search(
-    chosen: Scenario, made: Cascade, begin: np.ndarray, evaluations: int, tell: Callable[[str], None] | None
+    chosen: Scenario,
+    made: Cascade,
+    begin: np.ndarray,
+    evaluations: int,
+    tell: Callable[[str], None] | None,
 ) -> Found:
     """The best of a simplex from a start."""
-    bench, units, measures = Bench(chosen), reference_measures(chosen, chosen.seed), measures_of(chosen)
+    bench, units, measures = (
+        Bench(chosen),
+        reference_measures(chosen, chosen.seed),
+        measures_of(chosen),
+    )
     history: list[float] = []
     best, least = begin, math.inf
 
@@ -213,7 +244,9 @@ def _search(
             result = 10 * REFUSED
         else:
             each = robot_scores(measures, trial.values, units)
-            result = float(draw_totals(chosen, np.nan_to_num(each, nan=REFUSED, posinf=REFUSED)).mean())
+            result = float(
+                draw_totals(chosen, np.nan_to_num(each, nan=REFUSED, posinf=REFUSED)).mean()
+            )
             result += (REFUSED + len(trial.refused) / len(bench.draws)) if trial.refused else 0.0
         if result < least:
             best, least = x.copy(), result
@@ -227,7 +260,13 @@ def _search(
         value,
         begin,
         method="Nelder-Mead",
-        options={"maxfev": evaluations, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-4, "adaptive": True},
+        options={
+            "maxfev": evaluations,
+            "initial_simplex": simplex,
+            "xatol": 1e-3,
+            "fatol": 1e-4,
+            "adaptive": True,
+        },
     )
     return best, least, history, len(history)
 
@@ -241,13 +280,18 @@ def numbers_of(cascade: Cascade) -> np.ndarray:
 def with_numbers(cascade: Cascade, x: np.ndarray) -> Cascade:
     """The cascade with other numbers, the inverse of `numbers_of`."""
     values = iter(np.exp(np.clip(x, -50, 50)).tolist())
-    gains = [np.array([next(values) if old > 0 else old for old in part]) for part in _gains(cascade)]
+    gains = [
+        np.array([next(values) if old > 0 else old for old in part]) for part in _gains(cascade)
+    ]
     filters = tuple(type(f)(*(next(values) for _ in _fields(f))) for f in cascade.filters)
     return Cascade(gains[0], gains[1], gains[2], filters, cascade.torque_max)
 
 
 def _gains(cascade: Cascade) -> list[np.ndarray]:
-    return [np.asarray(x, float) for x in (cascade.position_gain, cascade.speed_gain, cascade.integral_gain)]
+    return [
+        np.asarray(x, float)
+        for x in (cascade.position_gain, cascade.speed_gain, cascade.integral_gain)
+    ]
 
 
 def _fields(f: LowPass | Notch) -> Sequence[float]:
@@ -267,7 +311,9 @@ def cascade_table(cascade: Cascade | Linear, description: str) -> str:
             lines.append(f"{name} = [{', '.join(row(line) for line in x[0])}]")
         return "\n".join(lines) + "\n"
     lines.append('type = "cascade"')
-    for name, part in zip(("position_gain", "speed_gain", "integral_gain"), _gains(cascade), strict=True):
+    for name, part in zip(
+        ("position_gain", "speed_gain", "integral_gain"), _gains(cascade), strict=True
+    ):
         lines.append(f"{name} = {row(part)}")
     for f in cascade.filters:
         lines += ["", "[[low_pass]]" if isinstance(f, LowPass) else "[[notch]]"]

@@ -54,12 +54,18 @@ def accuracy_of(problem: Problem, found: Minimum) -> Accuracy:
 
 
 def _of_bends(
-    problem: Problem, found: Minimum, slopes: Slopes, free: np.ndarray, inverse: np.ndarray, covariance: np.ndarray
+    problem: Problem,
+    found: Minimum,
+    slopes: Slopes,
+    free: np.ndarray,
+    inverse: np.ndarray,
+    covariance: np.ndarray,
 ) -> np.ndarray:
     """``E[w w']`` of the free numbers, from draws with their covariance to first order; ``inverse``: H^-1."""
     sd = np.sqrt(np.diag(covariance))
     variances, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
-    widths = variances / np.sqrt(np.abs(variances) + ROUNDING)  # roots; smooth at zero, where rounding has any sign
+    # roots; smooth at zero, where rounding has any sign
+    widths = variances / np.sqrt(np.abs(variances) + ROUNDING)
     root = sd[:, None] * (axes * widths) @ axes.T
     bends = []
     for unit in np.random.default_rng(0).normal(size=(DRAWS, len(sd))):

@@ -109,8 +109,12 @@ def calibrate(
     found = find_start(study.statics, data, place, tell)
     frames = unknowns_of(tree, (), place, priors or Priors())
     known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
-    before = fit(Problem(study.statics, data.positions, frames, robust), np.array(list(known.values())))
-    result, accuracy, tilt = study.fit(np.array([known.get(u.name, u.start) for u in unknowns]), tell)
+    before = fit(
+        Problem(study.statics, data.positions, frames, robust), np.array(list(known.values()))
+    )
+    result, accuracy, tilt = study.fit(
+        np.array([known.get(u.name, u.start) for u in unknowns]), tell
+    )
     held_out, seen = study.cross_validate(result, tilt, folds, tell) if folds else (None, None)
     stiff = study.statics.rest(Numbers.of(tree, unknowns, result.x), rigid=True)
     return Calibration(
@@ -126,18 +130,28 @@ def calibrate(
         np.linalg.norm(result.rest.points - stiff.points, axis=2),
         tilt,
         result.converged,
-        _warn_unexplained(result, data.positions) + _warnings(unknowns, result, accuracy.pull, held_out),
+        _warn_unexplained(result, data.positions)
+        + _warnings(unknowns, result, accuracy.pull, held_out),
     )
 
 
 class _Study:
     """Fits to all poses and to parts of them."""
 
-    def __init__(self, statics: Statics, measured: np.ndarray, unknowns: Sequence[Unknown], robust: bool) -> None:
-        self.statics, self.measured, self.unknowns, self.robust = statics, measured, unknowns, robust
+    def __init__(
+        self, statics: Statics, measured: np.ndarray, unknowns: Sequence[Unknown], robust: bool
+    ) -> None:
+        self.statics, self.measured, self.unknowns, self.robust = (
+            statics,
+            measured,
+            unknowns,
+            robust,
+        )
         self.valid = np.isfinite(measured).all(axis=2)
 
-    def fit(self, start: np.ndarray, tell: Callable[[str], None] | None) -> tuple[Minimum, Accuracy, Tilt | None]:
+    def fit(
+        self, start: np.ndarray, tell: Callable[[str], None] | None
+    ) -> tuple[Minimum, Accuracy, Tilt | None]:
         """Each point by itself first; then, where trackers share a tilt, with the covariance of each pose."""
         statics, measured, unknowns = self.statics, self.measured, self.unknowns
         problem = Problem(statics, measured, unknowns, self.robust)
@@ -145,7 +159,13 @@ class _Study:
         tilt = self._tilt(found)
         if tilt is None:
             return found, accuracy_of(problem, found), None
-        problem = Problem(statics, measured, unknowns, self.robust, self._whitening(statics, found, tilt, self.valid))
+        problem = Problem(
+            statics,
+            measured,
+            unknowns,
+            self.robust,
+            self._whitening(statics, found, tilt, self.valid),
+        )
         found = fit(problem, found.x, found.rest.near, progress=tell)
         return found, accuracy_of(problem, found), self._tilt(found)
 
@@ -154,9 +174,13 @@ class _Study:
         numbers = Numbers.of(self.statics.tree, self.unknowns, found.x)
         return find_tilt(self.statics, numbers, found.rest, self.measured, ~gross)
 
-    def _whitening(self, statics: Statics, found: Minimum, tilt: Tilt, valid: np.ndarray) -> np.ndarray:
+    def _whitening(
+        self, statics: Statics, found: Minimum, tilt: Tilt, valid: np.ndarray
+    ) -> np.ndarray:
         numbers = Numbers.of(statics.tree, self.unknowns, found.x)
-        return whitening_of(tilt, tilt_slopes(statics, numbers, found.rest, [tilt.element])[0], valid)
+        return whitening_of(
+            tilt, tilt_slopes(statics, numbers, found.rest, [tilt.element])[0], valid
+        )
 
     def cross_validate(
         self, whole: Minimum, tilt: Tilt | None, folds: int, tell: Callable[[str], None] | None
@@ -172,7 +196,9 @@ class _Study:
             left_out = np.sort(order[k::folds])
             kept = np.setdiff1d(np.arange(len(order)), left_out)
             inner = None if whitening is None else whitening[kept]
-            problem = Problem(self.statics.among(kept), self.measured[kept], self.unknowns, self.robust, inner)
+            problem = Problem(
+                self.statics.among(kept), self.measured[kept], self.unknowns, self.robust, inner
+            )
             one = fit(problem, whole.x, whole.rest.near.among(kept), whole.damping)
             numbers, others = problem.numbers(one.x), self.statics.among(left_out)
             rest = others.rest(numbers, whole.rest.near.among(left_out))
@@ -193,9 +219,13 @@ def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None
     if len(data) < FEWEST:
         raise ArgumentError(f"poses: given {len(data)}, expected at least {FEWEST}")
     if folds != 0 and not 2 <= folds <= len(data):
-        raise ArgumentError(f"folds: given {folds}, expected 0, or 2 to {len(data)}, the number of poses")
+        raise ArgumentError(
+            f"folds: given {folds}, expected 0, or 2 to {len(data)}, the number of poses"
+        )
     if not np.isfinite(data.positions).all(axis=2).any(axis=0).all():
-        raise ArgumentError("poses: given a tracker that was seen in no pose, expected at least one position of each")
+        raise ArgumentError(
+            "poses: given a tracker that was seen in no pose, expected at least one position of each"
+        )
 
 
 def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
@@ -221,13 +251,21 @@ def _warnings(
 ) -> tuple[str, ...]:
     """What a user has to know before he trusts the numbers."""
     out = []
-    wrong = [u.name.removesuffix(".compliance") for u, pull in zip(unknowns, pulls, strict=True) if pull < PULL]
+    wrong = [
+        u.name.removesuffix(".compliance")
+        for u, pull in zip(unknowns, pulls, strict=True)
+        if pull < PULL
+    ]
     if wrong:
         out.append(
             f"the measurements ask for a negative compliance of {', '.join(wrong)}: a mechanism, a spring below it or "
             "a mass of the model is wrong or missing"
         )
-    ratio = 1.0 if held_out is None else float(np.nanmean(held_out) / max(np.nanmean(found.errors), 1e-9))
+    ratio = (
+        1.0
+        if held_out is None
+        else float(np.nanmean(held_out) / max(np.nanmean(found.errors), 1e-9))
+    )
     if ratio > MANY:
         out.append(
             f"the mean error on poses that were not fitted is {ratio:.2g} times that of the fit: measure more poses "

@@ -63,7 +63,9 @@ class Tilt(Result):
     __repr__ = short_repr
 
 
-def tilt_slopes(statics: Statics, numbers: Numbers, rest: Rest, elements: Sequence[str]) -> list[np.ndarray]:
+def tilt_slopes(
+    statics: Statics, numbers: Numbers, rest: Rest, elements: Sequence[str]
+) -> list[np.ndarray]:
     """``B`` (N, 3 k, 3) of each element."""
     names = [f"{element}.{shift}" for element in elements for shift in SHIFTS[3:]]
     turns = [Unknown(name, "rad", "node", (statics.tree.index[name],), 0.0, 1.0) for name in names]
@@ -78,7 +80,9 @@ def whitening_of(tilt: Tilt, B: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return np.linalg.inv(np.linalg.cholesky(sigma + unseen[:, :, None] * np.eye(B.shape[1])))
 
 
-def find_tilt(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, usable: np.ndarray) -> Tilt | None:
+def find_tilt(
+    statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, usable: np.ndarray
+) -> Tilt | None:
     """The tilt of the largest likelihood among the elements that move at least two trackers.
 
     ``usable`` (N,): False for poses with gross errors. None: fewer than two trackers share an element, too few poses
@@ -88,7 +92,8 @@ def find_tilt(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarr
     """
     tree = statics.tree
     moved = {
-        e.name: tree.carries[tree.index[f"{e.name}.rx"], [m.node for m in statics.places]] for e in tree.model.elements
+        e.name: tree.carries[tree.index[f"{e.name}.rx"], [m.node for m in statics.places]]
+        for e in tree.model.elements
     }
     shared = [name for name, which in moved.items() if which.sum() >= 2]
     seen = np.isfinite(measured).all(axis=2)
@@ -116,7 +121,9 @@ def predict_others(tilt: Tilt, B: np.ndarray, gap: np.ndarray) -> np.ndarray:
         one = np.arange(3 * b, 3 * b + 3)
         rest = np.setdiff1d(np.arange(3 * k), one)
         shared = B * tilt.tilt_rad**2
-        inner = shared[:, rest] @ np.swapaxes(B[:, rest], 1, 2) + tilt.noise_m**2 * np.eye(len(rest))
+        inner = shared[:, rest] @ np.swapaxes(B[:, rest], 1, 2) + tilt.noise_m**2 * np.eye(
+            len(rest)
+        )
         seen = gap.reshape(len(gap), -1)[:, rest]
         known = np.linalg.solve(inner, seen[..., None])
         out[:, b] -= (shared[:, one] @ np.swapaxes(B[:, rest], 1, 2) @ known)[..., 0]
@@ -133,7 +140,8 @@ def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
         z = (inverse @ r[..., None])[..., 0]
         slope = [s2 * (np.einsum("nii->", inverse) - (z**2).sum())]
         slope += [
-            d[k] * (np.einsum("ni,nij,nj->", b, inverse, b) - (np.einsum("ni,ni->n", b, z) ** 2).sum())
+            d[k]
+            * (np.einsum("ni,nij,nj->", b, inverse, b) - (np.einsum("ni,ni->n", b, z) ** 2).sum())
             for k, b in enumerate(np.moveaxis(B, 2, 0))
         ]
         return 0.5 * ((r * z).sum() + np.linalg.slogdet(sigma)[1].sum()), 0.5 * np.array(slope)
@@ -143,7 +151,12 @@ def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
     def search(below: float, above: float) -> tuple[float, np.ndarray]:
         bounds = [(x - below, x + above) for x in start]
         found = minimize(
-            value, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-13, "gtol": 1e-8}
+            value,
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+            options={"ftol": 1e-13, "gtol": 1e-8},
         )
         return float(found.fun), np.asarray(found.x)
 
@@ -153,7 +166,9 @@ def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
         return search(12.0, 4.0)
 
 
-def seen_others(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, tilt: Tilt) -> np.ndarray:
+def seen_others(
+    statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, tilt: Tilt
+) -> np.ndarray:
     """Lengths (N, k) [m] of the errors that remain at each tracker when the others are seen; nan where one is not."""
     gap = rest.measured - measured
     lengths = np.full(gap.shape[:2], np.nan)

@@ -26,7 +26,8 @@ STEPS = 40
 SMALL_GAIN = 2e-5  # of the objective, as a part: where the search ends
 LEAST_GAIN = 1e-6  # in squares of standard deviations, where the errors are zero but for rounding
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
-SHARPEST = 1e-6  # of the range of the points, at most of 1 m: least scale, also of poses without noise
+# of the range of the points, at most of 1 m: least scale, also of poses without noise
+SHARPEST = 1e-6
 FLAT = 1e-12  # part of the curvature along a number that directions without any information get
 PROBE = 0.1  # part of a step over which its bend is measured
 BEND = 0.4  # largest acceleration, as a part of the step
@@ -65,13 +66,22 @@ class Problem:
         robust: bool,
         whitening: np.ndarray | None = None,
     ) -> None:
-        self.statics, self.unknowns, self.robust, self.whitening = statics, unknowns, robust, whitening
+        self.statics, self.unknowns, self.robust, self.whitening = (
+            statics,
+            unknowns,
+            robust,
+            whitening,
+        )
         self.valid = np.isfinite(measured).all(axis=2)
         self.measured = np.where(self.valid[..., None], measured, 0.0)
-        self.sharpest = SHARPEST * min(1.0, float(np.ptp(measured[self.valid], axis=0).max()) or 1.0)
+        self.sharpest = SHARPEST * min(
+            1.0, float(np.ptp(measured[self.valid], axis=0).max()) or 1.0
+        )
         self.center = np.array([u.start for u in unknowns])
         self.precision = np.array([u.sd for u in unknowns]) ** -2.0
-        self.lower = np.array([LEAST * u.start if u.kind == "compliance" else -np.inf for u in unknowns])
+        self.lower = np.array(
+            [LEAST * u.start if u.kind == "compliance" else -np.inf for u in unknowns]
+        )
 
     def numbers(self, x: np.ndarray) -> Numbers:
         """All numbers of the tree."""
@@ -104,7 +114,9 @@ class Problem:
     def slopes(self, x: np.ndarray, rest: Rest, gap: np.ndarray, scale: float) -> Slopes:
         """Sums of the normal equations."""
         u, _ = self._sizes(gap, scale)
-        weights = np.minimum(1.0, TUNING / np.maximum(u, 1e-12)) if self.robust else np.ones(u.shape)
+        weights = (
+            np.minimum(1.0, TUNING / np.maximum(u, 1e-12)) if self.robust else np.ones(u.shape)
+        )
         J, near = self.statics.slopes(self.numbers(x), rest, self.unknowns)
         J = np.where(self.valid[:, :, None, None], J, 0.0)
         N, p = len(J), len(x)
@@ -135,7 +147,9 @@ class Problem:
         r = gap.reshape(len(gap), -1)
         r = r if self.whitening is None else (self.whitening @ r[..., None])[..., 0]
         change = (slopes.roots * r - slopes.gaps) / PROBE
-        return np.asarray(np.einsum("nr,nrp->p", 2.0 / PROBE * (change - slopes.rows @ step), slopes.rows))
+        return np.asarray(
+            np.einsum("nr,nrp->p", 2.0 / PROBE * (change - slopes.rows @ step), slopes.rows)
+        )
 
 
 @dataclass(frozen=True)
@@ -160,8 +174,11 @@ class Slopes:
     def leave_out_each(self, free: np.ndarray, inverse: np.ndarray) -> np.ndarray:
         """J' W r (N, p) of each pose, r in a fit without the pose; ``inverse``: of the Hessian of the free numbers."""
         rows = self.rows[:, :, free]
-        own = np.eye(rows.shape[1]) - rows @ inverse @ rows.transpose(0, 2, 1)  # part of its errors that the fit leaves
-        return np.asarray(np.einsum("nr,nrp->np", np.linalg.solve(own, self.gaps[..., None])[..., 0], rows))
+        # part of its errors that the fit leaves
+        own = np.eye(rows.shape[1]) - rows @ inverse @ rows.transpose(0, 2, 1)
+        return np.asarray(
+            np.einsum("nr,nrp->np", np.linalg.solve(own, self.gaps[..., None])[..., 0], rows)
+        )
 
 
 def fit(
@@ -215,10 +232,14 @@ def fit(
     return Minimum(x, rest, gap, errors, problem.scale(lengths), converged, damping)
 
 
-def _bent_step(problem: Problem, x: np.ndarray, slopes: Slopes, matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
+def _bent_step(
+    problem: Problem, x: np.ndarray, slopes: Slopes, matrix: np.ndarray, step: np.ndarray
+) -> np.ndarray:
     """The step, and where it is small against that, the acceleration along a valley that bends."""
     least = problem.lower - x
-    more = np.where(step > least, -0.5 * np.linalg.solve(matrix, problem.bend(x, slopes, step)), 0.0)
+    more = np.where(
+        step > least, -0.5 * np.linalg.solve(matrix, problem.bend(x, slopes, step)), 0.0
+    )
     size = np.diag(matrix)
     small = size @ more**2 < BEND**2 * (size @ step**2)
     return np.maximum(step + more, least) if small else step

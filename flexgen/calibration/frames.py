@@ -19,8 +19,10 @@ from flexgen.calibration.tree import SHIFTS
 
 ROUNDS = 60
 CHANGE = 1e-3  # part of the error by which a round has to lower it
-ENOUGH = 60  # poses at which every tracker is seen: the others do not take part in the search for an attitude
-WRONG = 0.05  # of the scatter of the measured points: an error from which on a second frame is tried
+# poses at which every tracker is seen: the others do not take part in the search for an attitude
+ENOUGH = 60
+# of the scatter of the measured points: an error from which on a second frame is tried
+WRONG = 0.05
 TRIED = 8  # attitudes of the elements without a known place that the search starts from
 
 
@@ -50,10 +52,15 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
     if not placed:
         error, numbers = _search(statics, measured, placed, first)
         valid = np.isfinite(measured).all(axis=2)
-        if error <= WRONG * np.linalg.norm(measured[valid] - measured[valid].mean(axis=0), axis=1).mean():
+        if (
+            error
+            <= WRONG * np.linalg.norm(measured[valid] - measured[valid].mean(axis=0), axis=1).mean()
+        ):
             return numbers
         R, t = best_pose(statics.rest(first, rigid=True).points[valid], measured[valid])
-        other = _search(statics, measured, placed, replace(first, frame=np.concatenate([t, angles_of(R)])))
+        other = _search(
+            statics, measured, placed, replace(first, frame=np.concatenate([t, angles_of(R)]))
+        )
         return min((error, numbers), other, key=lambda one: one[0])[1]
     found = []
     random = np.random.default_rng(0)
@@ -65,7 +72,9 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
         for name in placed if trial else ():
             at = [tree.index[f"{name}.{s}"] for s in SHIFTS[3:]]
             shifts[at] = random.uniform(-np.pi, np.pi, 3)
-        found.append(_search(part, measured[rows], placed, replace(first, shifts=shifts), rounds=ROUNDS // 6))
+        found.append(
+            _search(part, measured[rows], placed, replace(first, shifts=shifts), rounds=ROUNDS // 6)
+        )
     best = min(found, key=lambda one: one[0])
     return _search(statics, measured, placed, best[1])[1]
 
@@ -76,7 +85,11 @@ def rigid_errors(statics: Statics, measured: np.ndarray, numbers: Numbers) -> np
 
 
 def _search(
-    statics: Statics, measured: np.ndarray, placed: Sequence[str], numbers: Numbers, rounds: int = ROUNDS
+    statics: Statics,
+    measured: np.ndarray,
+    placed: Sequence[str],
+    numbers: Numbers,
+    rounds: int = ROUNDS,
 ) -> tuple[float, Numbers]:
     """The rounds of the search from given numbers: mean error [m] and the numbers at its end."""
     valid = np.isfinite(measured).all(axis=2)

@@ -20,13 +20,18 @@ from flexgen.calibration.statics import Numbers, Statics
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 
-DOUBTFUL, UNEXPLAINED = 0.1, 0.5  # parts of the scatter from which on mistakes are tried, and poses refused
+# parts of the scatter from which on mistakes are tried, and poses refused
+DOUBTFUL, UNEXPLAINED = 0.1, 0.5
 STILL = 1e-9  # m: largest motion of a tracker that no joint moves
-NAMED = 1 / 3  # most of the error that is left where a mistake is named, which is below `DOUBTFUL`, too
+# most of the error that is left where a mistake is named, which is below `DOUBTFUL`, too
+NAMED = 1 / 3
 
 
 def find_start(
-    statics: Statics, data: StaticPoses, place: Sequence[str], progress: Callable[[str], None] | None = None
+    statics: Statics,
+    data: StaticPoses,
+    place: Sequence[str],
+    progress: Callable[[str], None] | None = None,
 ) -> Numbers:
     """The numbers of `start_frames`; poses that a robot with them does not explain are refused.
 
@@ -42,7 +47,9 @@ def find_start(
     if error <= DOUBTFUL * scatter:
         return start
     if progress is not None:
-        progress(f"{100 * error / scatter:.0f} % of the motion is not explained: searching for a mistake in the poses")
+        progress(
+            f"{100 * error / scatter:.0f} % of the motion is not explained: searching for a mistake in the poses"
+        )
     left = []
     for words, wrong in _mistakes(statics.model, data):
         part = statics.with_commands(wrong.commands)
@@ -64,7 +71,11 @@ def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tupl
 
     Trackers that only springs move, as on a base, do not count: a rigid robot explains nothing of their motion.
     """
-    error = np.where(_moves(statics, numbers), np.nanmedian(rigid_errors(statics, measured, numbers), axis=0), 0.0)
+    error = np.where(
+        _moves(statics, numbers),
+        np.nanmedian(rigid_errors(statics, measured, numbers), axis=0),
+        0.0,
+    )
     distance = np.nanmedian(np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2), axis=0)
     worst = np.argmax(error / np.maximum(distance, 1e-300))
     return float(error[worst]), float(distance[worst])
@@ -82,20 +93,38 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
     joints = [c for c in model.coordinates if c.actuated]
     trackers = [sensor.name for sensor in trackers_of(model)]
     turns = np.array([c.unit == "rad" for c in joints])
-    for words, factor in (("degrees, read as radians", np.pi / 180), ("radians, read as degrees", 180 / np.pi)):
-        yield f"joints in {words}", replace(some, commands=some.commands * np.where(turns, factor, 1.0))
+    for words, factor in (
+        ("degrees, read as radians", np.pi / 180),
+        ("radians, read as degrees", 180 / np.pi),
+    ):
+        yield (
+            f"joints in {words}",
+            replace(some, commands=some.commands * np.where(turns, factor, 1.0)),
+        )
     for words, factor in (("mm, read as m", 1e-3), ("m, read as mm", 1e3)):
         yield f"positions in {words}", replace(some, positions=some.positions * factor)
         if not turns.all():
-            yield f"slides in {words}", replace(some, commands=some.commands * np.where(turns, 1.0, factor))
+            yield (
+                f"slides in {words}",
+                replace(some, commands=some.commands * np.where(turns, 1.0, factor)),
+            )
     for k in np.flatnonzero(turns).tolist():
         one = np.where(np.arange(len(joints)) == k, np.pi / 180, 1.0)
-        yield f"{joints[k].name} in degrees, read as radians", replace(some, commands=some.commands * one)
+        yield (
+            f"{joints[k].name} in degrees, read as radians",
+            replace(some, commands=some.commands * one),
+        )
     for k, c in product(range(len(trackers)), range(3)):
         one = np.ones((len(trackers), 3))
         one[k, c] = 1e-3
-        yield f"{'xyz'[c]} of {trackers[k]} in mm, read as m", replace(some, positions=some.positions * one)
-    yield "positions in a left-handed frame", replace(some, positions=some.positions * [-1.0, 1.0, 1.0])
+        yield (
+            f"{'xyz'[c]} of {trackers[k]} in mm, read as m",
+            replace(some, positions=some.positions * one),
+        )
+    yield (
+        "positions in a left-handed frame",
+        replace(some, positions=some.positions * [-1.0, 1.0, 1.0]),
+    )
     for k, joint in enumerate(joints):
         signs = np.where(np.arange(len(joints)) == k, -1.0, 1.0)
         yield f"the sign of {joint.name}", replace(some, commands=some.commands * signs)
@@ -108,7 +137,10 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
             )
     for i, j in combinations(range(len(trackers)), 2):
         order = _exchange(len(trackers), i, j)
-        yield f"exchanged trackers {trackers[i]} and {trackers[j]}", replace(some, positions=some.positions[:, order])
+        yield (
+            f"exchanged trackers {trackers[i]} and {trackers[j]}",
+            replace(some, positions=some.positions[:, order]),
+        )
 
 
 def _exchange(count: int, i: int, j: int) -> list[int]:

@@ -20,7 +20,9 @@ from flexgen.model.elements import Dof, Element, Placement, RobotModel
 VARIANT = "calibrated"
 
 
-def changes_of(model: RobotModel, numbers: Numbers, frame: np.ndarray | None = None) -> dict[str, Any]:
+def changes_of(
+    model: RobotModel, numbers: Numbers, frame: np.ndarray | None = None
+) -> dict[str, Any]:
     """Dotted keys of the model file and their values; only those that differ from the model.
 
     ``frame``: pose (6,) of the world in the frame of the measurement, which then becomes the world.
@@ -34,7 +36,9 @@ def changes_of(model: RobotModel, numbers: Numbers, frame: np.ndarray | None = N
     out: dict[str, Any] = {}
     for element in model.elements:
         origin, link, axes = _placements(tree, element, numbers)
-        out |= {f"element.{element.name}.dof.{name}.axis": _numbers(axis) for name, axis in axes.items()}
+        out |= {
+            f"element.{element.name}.dof.{name}.axis": _numbers(axis) for name, axis in axes.items()
+        }
         for key, new, old in (("origin", origin, element.origin), ("link", link, element.link)):
             if new is not old:
                 out[f"element.{element.name}.{key}"] = _pose(new)
@@ -57,7 +61,9 @@ def changes_of(model: RobotModel, numbers: Numbers, frame: np.ndarray | None = N
     return out
 
 
-def _placements(tree: Tree, element: Element, numbers: Numbers) -> tuple[Placement, Placement, dict[str, np.ndarray]]:
+def _placements(
+    tree: Tree, element: Element, numbers: Numbers
+) -> tuple[Placement, Placement, dict[str, np.ndarray]]:
     """``origin`` and ``link`` with the shifts of the element's place and the zeros of its axes; axes that they turn.
 
     A mechanism turns with the zeros of the coordinates that it names. ``exp(z a) exp(d b) = exp(d b') exp(z a)`` with
@@ -80,7 +86,10 @@ def _placements(tree: Tree, element: Element, numbers: Numbers) -> tuple[Placeme
         turn = rotations(axis, np.array([zero]))[0]
         if k == 0:
             along = dof.type == "translation"
-            origin = _join(origin, _placement(zero * axis, np.eye(3)) if along else _placement(np.zeros(3), turn))
+            origin = _join(
+                origin,
+                _placement(zero * axis, np.eye(3)) if along else _placement(np.zeros(3), turn),
+            )
         elif dof.type == "rotation":
             turned = turned @ turn
         else:
@@ -88,7 +97,11 @@ def _placements(tree: Tree, element: Element, numbers: Numbers) -> tuple[Placeme
                 f"element {element.name}: given the zero of the translation {dof.name} behind other axes, expected the "
                 "first axis of its element"
             )
-    link = element.link if (turned == np.eye(3)).all() else _join(_placement(np.zeros(3), turned), element.link)
+    link = (
+        element.link
+        if (turned == np.eye(3)).all()
+        else _join(_placement(np.zeros(3), turned), element.link)
+    )
     return origin, link, axes
 
 
@@ -100,7 +113,10 @@ def _springs(tree: Tree, element: Element, dof: Dof, numbers: Numbers) -> dict[s
     """Stiffness of an elastic coordinate, or the factors of a mechanism, where they changed."""
     place = f"element.{element.name}.dof.{dof.name}"
     if dof.mimic:
-        new = {on: _number(numbers.factors[tree.index[dof.name], tree.index[on]]) for on, _ in dof.mimic}
+        new = {
+            on: _number(numbers.factors[tree.index[dof.name], tree.index[on]])
+            for on, _ in dof.mimic
+        }
         return {} if new == dict(dof.mimic) else {f"{place}.mimic": new}
     if dof.name not in tree.elastic:
         return {}
@@ -108,8 +124,11 @@ def _springs(tree: Tree, element: Element, dof: Dof, numbers: Numbers) -> dict[s
     if new_value == old:
         return {}
     spring = dof.gear.spring if dof.gear is not None else dof.spring
-    stiffness = vars(spring)["stiffness"] * old / new_value  # on the side of the gear to which the key refers
-    return {f"{place}.{'gear.' if dof.gear is not None else ''}spring.stiffness": _number(stiffness)}
+    # on the side of the gear to which the key refers
+    stiffness = vars(spring)["stiffness"] * old / new_value
+    return {
+        f"{place}.{'gear.' if dof.gear is not None else ''}spring.stiffness": _number(stiffness)
+    }
 
 
 def _pose(placement: Placement) -> dict[str, Any]:

@@ -28,7 +28,8 @@ from flexgen.type_checks import checked_class
 
 GROUPS = ("zeros", "placements", "compliances", "mechanisms", "masses")
 AXES = "xyz"
-FRAME = "measurement"  # names of the pose of the world in the frame of the measurement: measurement.x to .rz
+# names of the pose of the world in the frame of the measurement: measurement.x to .rz
+FRAME = "measurement"
 
 
 @checked_class
@@ -73,7 +74,8 @@ class Priors:
                 raise ArgumentError(f"priors.{name}: given {value:g}, expected a number > 0")
 
 
-UNKNOWN = Priors(position=10.0, rotation=10.0)  # of elements whose place is not known, and of the measurement's frame
+# of elements whose place is not known, and of the measurement's frame
+UNKNOWN = Priors(position=10.0, rotation=10.0)
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,9 @@ def trackers_of(model: RobotModel) -> tuple[Sensor, ...]:
     return found
 
 
-def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: Priors) -> list[Unknown]:
+def unknowns_of(  # noqa: C901
+    tree: Tree, free: Sequence[str], placed: Sequence[str], priors: Priors
+) -> list[Unknown]:
     """The free numbers of a tree; ``placed``: elements whose place at the parent is not known.
 
     Raises
@@ -118,20 +122,34 @@ def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: 
     for name in placed:
         if name not in tree.tips:
             raise ArgumentError(f"place: given {name!r}, expected {closest(name, list(tree.tips))}")
-    out = [Unknown(f"{FRAME}.{s}", _unit(s), "frame", (k,), 0.0, _sd(s, UNKNOWN)) for k, s in enumerate(SHIFTS)]
+    out = [
+        Unknown(f"{FRAME}.{s}", _unit(s), "frame", (k,), 0.0, _sd(s, UNKNOWN))
+        for k, s in enumerate(SHIFTS)
+    ]
     for k, sensor in enumerate(trackers_of(model)):
         out += [
-            Unknown(f"{sensor.name}.{axis}", "m", "tracker", (k, i), sensor.position[i], priors.tracker)
+            Unknown(
+                f"{sensor.name}.{axis}", "m", "tracker", (k, i), sensor.position[i], priors.tracker
+            )
             for i, axis in enumerate(AXES)
         ]
     moved = _moving_nodes(tree)
     same = {e.name: _same_as_zero(e) for e in model.elements}
     if "zeros" in free:
-        whole = {e.dofs[0].name for e in model.elements if e.name in placed and same[e.name]}  # their pose has the zero
+        # their pose has the zero
+        whole = {e.dofs[0].name for e in model.elements if e.name in placed and same[e.name]}
         for coordinate in model.coordinates:
-            if coordinate.actuated and tree.index[coordinate.name] in moved and coordinate.name not in whole:
+            if (
+                coordinate.actuated
+                and tree.index[coordinate.name] in moved
+                and coordinate.name not in whole
+            ):
                 at = (tree.index[coordinate.name],)
-                out.append(Unknown(f"{coordinate.name}.zero", coordinate.unit, "node", at, 0.0, priors.zero))
+                out.append(
+                    Unknown(
+                        f"{coordinate.name}.zero", coordinate.unit, "node", at, 0.0, priors.zero
+                    )
+                )
     for element in model.elements:
         if element.name not in placed and "placements" not in free:
             continue
@@ -140,17 +158,30 @@ def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: 
             index = tree.index[f"{element.name}.{shift}"]
             if shift != left_out and index in moved:
                 sd = _sd(shift, UNKNOWN if element.name in placed else priors)
-                out.append(Unknown(f"{element.name}.{shift}", _unit(shift), "node", (index,), 0.0, sd))
+                out.append(
+                    Unknown(f"{element.name}.{shift}", _unit(shift), "node", (index,), 0.0, sd)
+                )
     if "compliances" in free:
         for k, (name, value) in enumerate(tree.elastic.items()):
             if tree.index[name] in moved:
                 unit = "m/N" if tree.nodes[tree.index[name]].slides else "rad/(N m)"
-                out.append(Unknown(f"{name}.compliance", unit, "compliance", (k,), value, priors.compliance * value))
+                out.append(
+                    Unknown(
+                        f"{name}.compliance",
+                        unit,
+                        "compliance",
+                        (k,),
+                        value,
+                        priors.compliance * value,
+                    )
+                )
     if "mechanisms" in free:
         for name, factors in tree.mimics.items():
             for other, value in factors.items():
                 both = (tree.index[name], tree.index[other])
-                out.append(Unknown(f"{name}.mimic.{other}", "", "factor", both, value, priors.factor))
+                out.append(
+                    Unknown(f"{name}.mimic.{other}", "", "factor", both, value, priors.factor)
+                )
     if "masses" in free:
         out += _masses(tree, priors)
     return out
@@ -159,14 +190,21 @@ def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: 
 def _masses(tree: Tree, priors: Priors) -> list[Unknown]:
     """Masses and centers of the bodies that have a mass and load an elastic coordinate."""
     out = []
-    by_mechanism = [name for name, factors in tree.mimics.items() if set(factors) & set(tree.elastic)]
-    loaded = np.asarray(tree.carries[[tree.index[name] for name in (*tree.elastic, *by_mechanism)]].any(axis=0))
+    by_mechanism = [
+        name for name, factors in tree.mimics.items() if set(factors) & set(tree.elastic)
+    ]
+    loaded = np.asarray(
+        tree.carries[[tree.index[name] for name in (*tree.elastic, *by_mechanism)]].any(axis=0)
+    )
     for k, (name, mount, body) in enumerate(tree.bodies):
         if body.mass == 0.0 or not loaded[mount.node]:
             continue
         out.append(Unknown(f"{name}.mass", "kg", "mass", (k,), body.mass, priors.mass * body.mass))
         centers = zip(AXES, body.com, strict=True)
-        out += [Unknown(f"{name}.com.{a}", "m", "center", (k, i), x, priors.center) for i, (a, x) in enumerate(centers)]
+        out += [
+            Unknown(f"{name}.com.{a}", "m", "center", (k, i), x, priors.center)
+            for i, (a, x) in enumerate(centers)
+        ]
     return out
 
 
@@ -174,7 +212,12 @@ def _moving_nodes(tree: Tree) -> set[int]:
     """Nodes that move a tracker, also by a mechanism; the others have no effect, except through their weight."""
     nodes = [tree.tip(sensor.place).node for sensor in trackers_of(tree.model)]
     moving = set(np.flatnonzero(tree.carries[:, nodes].any(axis=1)).tolist())
-    named = {tree.index[other] for name, of in tree.mimics.items() if tree.index[name] in moving for other in of}
+    named = {
+        tree.index[other]
+        for name, of in tree.mimics.items()
+        if tree.index[name] in moving
+        for other in of
+    }
     return moving | named
 
 

@@ -56,17 +56,28 @@ class StaticPoses:
 
     def __post_init__(self) -> None:
         try:
-            commands, positions = (np.array(x, dtype=float) for x in (self.commands, self.positions))
+            commands, positions = (
+                np.array(x, dtype=float) for x in (self.commands, self.positions)
+            )
         except (TypeError, ValueError) as error:
-            raise ArgumentError(f"poses: {error}; expected arrays of numbers (N, n_g) and (N, k, 3)") from None
+            raise ArgumentError(
+                f"poses: {error}; expected arrays of numbers (N, n_g) and (N, k, 3)"
+            ) from None
         object.__setattr__(self, "commands", commands)
         object.__setattr__(self, "positions", positions)
-        if commands.ndim != 2 or positions.ndim != 3 or positions.shape[2] != 3 or len(commands) != len(positions):
+        if (
+            commands.ndim != 2
+            or positions.ndim != 3
+            or positions.shape[2] != 3
+            or len(commands) != len(positions)
+        ):
             raise ArgumentError(
                 f"poses: given arrays of shapes {commands.shape} and {positions.shape}, expected (N, n_g) and (N, k, 3)"
             )
         if not np.isfinite(commands).all() or np.isinf(positions).any():
-            raise ArgumentError("poses: given commands or positions that are not finite; nan marks a position not seen")
+            raise ArgumentError(
+                "poses: given commands or positions that are not finite; nan marks a position not seen"
+            )
 
     def __len__(self) -> int:
         return len(self.commands)
@@ -91,14 +102,24 @@ class StaticPoses:
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ArgumentError(f"{source}: cannot be read as CSV: {error}") from None
         if not rows:
-            raise ArgumentError(f"{source}: given an empty file, expected a line of names and a line for each pose")
+            raise ArgumentError(
+                f"{source}: given an empty file, expected a line of names and a line for each pose"
+            )
         header = [name.strip() for name in rows[0][1]]
         actuated = [c for c in model.coordinates if c.actuated]
         places = [_column(source, header, c.name, c.unit) for c in actuated]
-        points = [_column(source, header, f"{s.name}_{axis}", "m") for s in trackers_of(model) for axis in AXES]
-        table = np.array([_numbers(source, line, row, header, places, points) for line, row in rows[1:]])
+        points = [
+            _column(source, header, f"{s.name}_{axis}", "m")
+            for s in trackers_of(model)
+            for axis in AXES
+        ]
+        table = np.array(
+            [_numbers(source, line, row, header, places, points) for line, row in rows[1:]]
+        )
         if not len(table):
-            raise ArgumentError(f"{source}: given a line of names only, expected a line for each pose")
+            raise ArgumentError(
+                f"{source}: given a line of names only, expected a line for each pose"
+            )
         n = len(places)
         return cls(table[:, :n], table[:, n:].reshape(len(table), -1, 3), str(source))
 
@@ -107,7 +128,9 @@ def _rows(source: Path, reader: Iterator[list[str]]) -> Iterator[tuple[int, list
     """Lines that are not empty, with their numbers."""
     for line, row in enumerate(reader, start=1):
         if line > LARGEST + 1:
-            raise ArgumentError(f"{source}: given more than {LARGEST} lines, expected at most {LARGEST} poses")
+            raise ArgumentError(
+                f"{source}: given more than {LARGEST} lines, expected at most {LARGEST} poses"
+            )
         if any(cell.strip() for cell in row):
             yield line, row
 
@@ -118,7 +141,9 @@ def _column(source: Path, header: list[str], name: str, unit: str) -> tuple[int,
     found = [(k, names[title]) for k, title in enumerate(header) if title in names]
     if len(found) != 1:
         given = "two columns" if found else "no column"
-        raise ArgumentError(f"{source}:1: given {given} of {name}, expected one, {' or '.join(names)}")
+        raise ArgumentError(
+            f"{source}:1: given {given} of {name}, expected one, {' or '.join(names)}"
+        )
     return found[0]
 
 
@@ -132,7 +157,9 @@ def _numbers(
 ) -> list[float]:
     """The commands and positions of a line in SI units."""
     if len(row) != len(header):
-        raise ArgumentError(f"{source}:{line}: given {len(row)} cells, expected {len(header)}, as line 1")
+        raise ArgumentError(
+            f"{source}:{line}: given {len(row)} cells, expected {len(header)}, as line 1"
+        )
     out = []
     for k, (column, factor) in enumerate([*places, *points]):
         cell = row[column].strip()
@@ -141,6 +168,8 @@ def _numbers(
         except ValueError:
             value = math.inf
         if not (math.isnan(value) and k >= len(places)) and not abs(value) < FAR:
-            raise ArgumentError(f"{source}:{line}: {header[column]}: given {cell[:40]!r}, expected a number")
+            raise ArgumentError(
+                f"{source}:{line}: {header[column]}: given {cell[:40]!r}, expected a number"
+            )
         out.append(factor * value)
     return out

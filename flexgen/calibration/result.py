@@ -91,7 +91,11 @@ class Calibration(Result):
     def sentence(self) -> str:
         """The result in one line."""
         held = self.errors_held_out
-        proof = "" if held is None else f", {1e3 * np.nanmean(held):.3g} mm on poses that were not fitted"
+        proof = (
+            ""
+            if held is None
+            else f", {1e3 * np.nanmean(held):.3g} mm on poses that were not fitted"
+        )
         return (
             f"{len(self.poses)} poses, {len(self.unknowns)} numbers; "
             f"mean error {1e3 * np.nanmean(self.errors_before):.3g} mm before, "
@@ -101,7 +105,11 @@ class Calibration(Result):
     @property
     def problem(self) -> str:
         """Why the result cannot be used; empty where it can."""
-        return "" if self.converged else "calibration: the search did not end at a minimum; free fewer groups"
+        return (
+            ""
+            if self.converged
+            else "calibration: the search did not end at a minimum; free fewer groups"
+        )
 
     @property
     def values(self) -> dict[str, float]:
@@ -111,7 +119,10 @@ class Calibration(Result):
     @property
     def sd(self) -> dict[str, float]:
         """Standard deviations by name; 0 where a bound holds a compliance."""
-        return {u.name: float(s) for u, s in zip(self.unknowns, np.sqrt(np.diag(self.covariance)), strict=True)}
+        return {
+            u.name: float(s)
+            for u, s in zip(self.unknowns, np.sqrt(np.diag(self.covariance)), strict=True)
+        }
 
     @property
     def determined(self) -> dict[str, bool]:
@@ -146,13 +157,21 @@ class Calibration(Result):
     @property
     def frame(self) -> np.ndarray:
         """Pose (6,) of the world in the frame of the measurement: shift [m], angles about x, new y, new z [rad]."""
-        return np.array([self.values[f"{FRAME}.{name}"] for name in ("x", "y", "z", "rx", "ry", "rz")])
+        return np.array(
+            [self.values[f"{FRAME}.{name}"] for name in ("x", "y", "z", "rx", "ry", "rz")]
+        )
 
     def predict(self, commands: np.ndarray) -> np.ndarray:
         """Positions (N, k, 3) [m] of the trackers in the frame of the measurement, at commands (N, n_g) [rad or m]."""
-        return Statics(Tree(self.nominal), np.asarray(commands, dtype=float)).rest(self._numbers).measured
+        return (
+            Statics(Tree(self.nominal), np.asarray(commands, dtype=float))
+            .rest(self._numbers)
+            .measured
+        )
 
-    def propose_poses(self, count: int, candidates: np.ndarray | None = None, seed: int = 0) -> np.ndarray:
+    def propose_poses(
+        self, count: int, candidates: np.ndarray | None = None, seed: int = 0
+    ) -> np.ndarray:
         """Commands (count, n_g) of the poses whose measurement tells most: the least determinant of the covariance.
 
         Chosen one after the other among ``candidates`` (m, n_g), default: random ones within the range of the measured
@@ -172,13 +191,24 @@ class Calibration(Result):
         low, high = self.poses.commands.min(axis=0), self.poses.commands.max(axis=0)
         count_of("count", count, LARGEST)
         if candidates is None:
-            candidates = np.random.default_rng(seed_of(seed)).uniform(low, high, (max(CANDIDATES, 3 * count), len(low)))
+            candidates = np.random.default_rng(seed_of(seed)).uniform(
+                low, high, (max(CANDIDATES, 3 * count), len(low))
+            )
         if np.ndim(candidates) != 2 or np.shape(candidates)[1] != len(low):
-            raise ArgumentError(f"candidates: given shape {np.shape(candidates)}, expected (m, {len(low)})")
+            raise ArgumentError(
+                f"candidates: given shape {np.shape(candidates)}, expected (m, {len(low)})"
+            )
         if count > len(candidates):
-            raise ArgumentError(f"count: given {count}, expected 1 to {len(candidates)}, the number of candidates")
-        statics, numbers = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)), self._numbers
-        J = statics.slopes(numbers, statics.rest(numbers), self.unknowns)[0].reshape(len(candidates), -1, len(self.x))
+            raise ArgumentError(
+                f"count: given {count}, expected 1 to {len(candidates)}, the number of candidates"
+            )
+        statics, numbers = (
+            Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)),
+            self._numbers,
+        )
+        J = statics.slopes(numbers, statics.rest(numbers), self.unknowns)[0].reshape(
+            len(candidates), -1, len(self.x)
+        )
         J = J / max(float(np.nanmedian(self.errors)), 1e-9)
         covariance = self.covariance.copy()
         chosen: list[int] = []
@@ -215,7 +245,9 @@ class Calibration(Result):
         """
         if world not in ("robot", "measurement"):
             raise ArgumentError(f"world: given {world!r}, expected 'robot' or 'measurement'")
-        changes = changes_of(self.nominal, self._numbers, self.frame if world == "measurement" else None)
+        changes = changes_of(
+            self.nominal, self._numbers, self.frame if world == "measurement" else None
+        )
         source = f"{self.poses.source}: {self.sentence}"
         text = add_variant(self.nominal.file, VARIANT, changes, source, self.nominal.variant)
         target = Path(path)
@@ -235,7 +267,9 @@ class Calibration(Result):
                 "mean_error_m": float(np.nanmean(self.errors)),
                 "largest_error_m": float(np.nanmax(self.errors)),
                 "mean_error_held_out_m": None if held is None else float(np.nanmean(held)),
-                "mean_error_seen_m": None if self.errors_seen is None else float(np.nanmean(self.errors_seen)),
+                "mean_error_seen_m": None
+                if self.errors_seen is None
+                else float(np.nanmean(self.errors_seen)),
                 "mean_sag_m": float(np.nanmean(self.sag)),
                 "tilt": None if self.tilt is None else self.tilt.to_dict(),
                 "values": self.values,

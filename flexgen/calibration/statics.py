@@ -25,7 +25,8 @@ from flexgen.errors import SolverError
 NEWTON_STEPS = 20
 TOGETHER = 16  # poses that are computed at a time, in the cache of a processor
 SETTLED = 1e-10  # rad or m: largest difference of a deflection from load times compliance
-SLOW = 0.1  # part that a step of Newton's method leaves of this difference from which on its matrix is renewed
+# part that a step of Newton's method leaves of this difference from which on its matrix is renewed
+SLOW = 0.1
 NO_EQUILIBRIUM = "calibration: a pose has no static equilibrium, the springs do not carry the arm"
 
 
@@ -46,7 +47,9 @@ class Numbers:
     centers: np.ndarray
 
     @classmethod
-    def of(cls, tree: Tree, unknowns: Sequence[Unknown] = (), x: Sequence[float] | np.ndarray = ()) -> Numbers:
+    def of(
+        cls, tree: Tree, unknowns: Sequence[Unknown] = (), x: Sequence[float] | np.ndarray = ()
+    ) -> Numbers:
         """Those of the model, with the values ``x`` of the unknowns."""
         index, sensors = tree.index, trackers_of(tree.model)
         new = cls(
@@ -54,7 +57,11 @@ class Numbers:
             np.zeros(6),
             np.array([sensor.position for sensor in sensors], float),
             np.array(list(tree.elastic.values()), float),
-            {(index[m], index[k]): f for m, factors in tree.mimics.items() for k, f in factors.items()},
+            {
+                (index[m], index[k]): f
+                for m, factors in tree.mimics.items()
+                for k, f in factors.items()
+            },
             np.array([body.mass for _, _, body in tree.bodies]),
             np.array([body.com for _, _, body in tree.bodies], float).reshape(-1, 3),
         )
@@ -132,7 +139,9 @@ class Statics:
         self.rows = np.concatenate([self.elastic, self.mechanisms]).astype(int)
         self.slides = np.array([node.slides for node in tree.nodes])
         dofs = {c.name: c.dof for c in tree.model.coordinates}
-        self.springs = [(k, dof) for k, name in enumerate(tree.elastic) if (dof := dofs[name]) is not None]
+        self.springs = [
+            (k, dof) for k, name in enumerate(tree.elastic) if (dof := dofs[name]) is not None
+        ]
         self.gravity = np.array(tree.model.gravity)
         self.held = np.array([mount.node for _, mount, _ in tree.bodies], int)
         self.places = [tree.tip(sensor.place) for sensor in trackers_of(tree.model)]
@@ -187,21 +196,30 @@ class Statics:
         measured = numbers.frame[:3] + points @ frame_rotation(numbers.frame).T
         return Rest(q, Near(deflection, inverse), load, points, measured, posture)
 
-    def _inverse(self, numbers: Numbers, posture: Posture, q: np.ndarray, T: np.ndarray) -> np.ndarray:
+    def _inverse(
+        self, numbers: Numbers, posture: Posture, q: np.ndarray, T: np.ndarray
+    ) -> np.ndarray:
         """That of ``1 - c T' H T`` (N, n_E, n_E)."""
         loads, rising = self._loads(numbers, posture), self._joint_torques(numbers, q)[1]
         try:
-            parts = (self._matrix(numbers, self._load_slopes(loads, T, p), T, rising[p]) for p in _parts(len(q)))
+            parts = (
+                self._matrix(numbers, self._load_slopes(loads, T, p), T, rising[p])
+                for p in _parts(len(q))
+            )
             return np.concatenate([np.linalg.inv(matrix) for matrix in parts])
         except np.linalg.LinAlgError:
             raise SolverError(NO_EQUILIBRIUM) from None
 
-    def _matrix(self, numbers: Numbers, H: np.ndarray, T: np.ndarray, rising: np.ndarray) -> np.ndarray:
+    def _matrix(
+        self, numbers: Numbers, H: np.ndarray, T: np.ndarray, rising: np.ndarray
+    ) -> np.ndarray:
         """``1 - c T' H T`` (N, n_E, n_E)."""
         slope = self._of_moves(H, T, self.elastic, self.mechanisms) + rising
         return np.asarray(np.eye(len(numbers.compliances)) - numbers.compliances[:, None] * slope)
 
-    def slopes(self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]) -> tuple[np.ndarray, Near]:
+    def slopes(
+        self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]
+    ) -> tuple[np.ndarray, Near]:
         """Derivatives (N, k, 3, p) of the measured positions in the unknowns, at a rest of the same numbers.
 
         And where a search for equilibria of numbers nearby starts.
@@ -214,10 +232,14 @@ class Statics:
         )
         heavy = masses + centers
         rising = self._joint_torques(numbers, rest.q)[1]
-        weights = np.swapaxes(self._weight_slopes(numbers, rest.posture, loads, [unknowns[i] for i in heavy]), 1, 2)
+        weights = np.swapaxes(
+            self._weight_slopes(numbers, rest.posture, loads, [unknowns[i] for i in heavy]), 1, 2
+        )
         change = c * self._of_moves(weights, T, range(len(c)), range(len(c), len(self.rows)))
         places = [(mount, rest.points[:, k]) for k, mount in enumerate(self.places)]
-        J = np.concatenate([self.tree.point_slopes(rest.posture, mount, point) for mount, point in places], axis=1)
+        J = np.concatenate(
+            [self.tree.point_slopes(rest.posture, mount, point) for mount, point in places], axis=1
+        )
         out = np.zeros((len(rest.q), len(places), 3, len(unknowns)))  # in the world, until the end
         inverse = np.empty((len(out), len(c), len(c)))
         for some in _parts(len(out)):
@@ -307,7 +329,9 @@ class Statics:
                 slopes[:, e] += T[m, e] * H[:, n + k]
         return slopes
 
-    def _of_moves(self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]) -> np.ndarray:
+    def _of_moves(
+        self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]
+    ) -> np.ndarray:
         """``H T`` (N, n_E, n_E), H in some nodes; ``elastic``, ``mechanisms``: their columns of H."""
         out = H[:, :, list(elastic)]
         for k, m in zip(mechanisms, self.mechanisms, strict=True):
@@ -315,7 +339,9 @@ class Statics:
                 out[:, :, e] += T[m, e] * H[:, :, k]
         return out
 
-    def _weight_slopes(self, numbers: Numbers, at: Posture, loads: Loads, unknowns: Sequence[Unknown]) -> np.ndarray:
+    def _weight_slopes(
+        self, numbers: Numbers, at: Posture, loads: Loads, unknowns: Sequence[Unknown]
+    ) -> np.ndarray:
         """Derivatives (N, rows, p) of loads in masses and coordinates of centers of mass; rows: elastic, mechanisms."""
         rows, held = self.rows, self.held[[unknown.at[0] for unknown in unknowns]]
         arms = np.empty((loads.tau.shape[1], 3, len(unknowns)))
@@ -330,7 +356,9 @@ class Statics:
         z, o = at.axes(rows)
         own = np.where(self.slides[rows], (z @ self.gravity).T, 0.0)
         own -= np.einsum("aNi,aNi->Na", loads.crossed[rows], o)
-        slopes[:, :, [i for i, unknown in enumerate(unknowns) if unknown.kind == "mass"]] += own[..., None]
+        slopes[:, :, [i for i, unknown in enumerate(unknowns) if unknown.kind == "mass"]] += own[
+            ..., None
+        ]
         return slopes * self.tree.carries[np.ix_(rows, held)]
 
 

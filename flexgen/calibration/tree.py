@@ -24,7 +24,8 @@ from flexgen.errors import ModelError
 from flexgen.model.elements import Body, Dof, LinearSpring, Placement, RobotModel
 from flexgen.sensors import TOOL
 
-SHIFTS = ("x", "y", "z", "rx", "ry", "rz")  # errors of a placement: translations, then rotations about the same axes
+# errors of a placement: translations, then rotations about the same axes
+SHIFTS = ("x", "y", "z", "rx", "ry", "rz")
 IDENTITY = np.eye(3)
 
 
@@ -116,12 +117,18 @@ class Tree:
         self.index: dict[str, int] = {}
         self.elastic: dict[str, float] = {}
         self.mimics: dict[str, dict[str, float]] = {}
-        self.tips: dict[str, Mount] = {"base": Mount(-1, np.array(model.base.position), np.array(model.base.rotation))}
+        self.tips: dict[str, Mount] = {
+            "base": Mount(-1, np.array(model.base.position), np.array(model.base.rotation))
+        }
         self.bodies: list[tuple[str, Mount, Body]] = []
-        ratios = {motor.drives[0]: motor.ratio[0] for motor in model.motors if len(motor.drives) == 1}
+        ratios = {
+            motor.drives[0]: motor.ratio[0] for motor in model.motors if len(motor.drives) == 1
+        }
         for element in model.elements:
             if element.beam is not None:
-                raise _refuse(model, element.name, "elastic axes, [[element.dof]] with a spring", "a beam")
+                raise _refuse(
+                    model, element.name, "elastic axes, [[element.dof]] with a spring", "a beam"
+                )
             mount = _place(self.tips[model.parents[element.name]], element.origin)
             for k, shift in enumerate(SHIFTS):
                 mount = self._add(f"{element.name}.{shift}", mount, IDENTITY[k % 3], k < 3)
@@ -156,8 +163,16 @@ class Tree:
         """The constant places, where only the nodes ``moving`` have other values than ``q`` (n,) [rad or m]."""
         n = len(self.nodes)
         stem, moves = np.empty(n, int), np.isin(np.arange(n), moving)
-        before, R, at, p = np.empty((n, 3, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
-        slides, axes = np.array([node.slides for node in self.nodes]), np.array([node.axis for node in self.nodes])
+        before, R, at, p = (
+            np.empty((n, 3, 3)),
+            np.empty((n, 3, 3)),
+            np.empty((n, 3)),
+            np.empty((n, 3)),
+        )
+        slides, axes = (
+            np.array([node.slides for node in self.nodes]),
+            np.array([node.axis for node in self.nodes]),
+        )
         turned = rotations(axes, np.where(slides, 0.0, q))
         shifted = np.where(slides, q, 0.0)[:, None] * axes
         for k, node in enumerate(self.nodes):
@@ -165,7 +180,8 @@ class Tree:
             stem[k], R_m, p_m = (m, IDENTITY, 0.0) if m < 0 or moves[m] else (stem[m], R[m], p[m])
             before[k], at[k] = R_m @ node.rotation, p_m + R_m @ node.position
             R[k], p[k] = before[k] @ turned[k], at[k] + before[k] @ shifted[k]
-        parts = np.stack([before @ part for part in _rotation_parts(axes)], axis=-1)[moving]  # (., row, column, part)
+        # (., row, column, part)
+        parts = np.stack([before @ part for part in _rotation_parts(axes)], axis=-1)[moving]
         turns = np.swapaxes(parts, 1, 2).reshape(len(moving), 9, 3)
         return Places(stem, before, at, R, p, (before @ axes[..., None])[..., 0], moving, turns)
 
@@ -176,13 +192,19 @@ class Tree:
         """
         places = places or self.places(q[0], np.flatnonzero((q != q[0]).any(axis=0)))
         value = q[:, places.moving].T
-        turns = places.turns @ np.stack([np.ones_like(value), np.cos(value), np.sin(value)], axis=1)  # (., 9, N)
+        # (., 9, N)
+        turns = places.turns @ np.stack([np.ones_like(value), np.cos(value), np.sin(value)], axis=1)
         moving = {-1: (np.repeat(IDENTITY[..., None], len(q), axis=2), np.zeros((3, len(q))))}
-        for k, x, turn in zip(places.moving, value, turns.reshape(len(value), 3, 3, -1), strict=True):
+        for k, x, turn in zip(
+            places.moving, value, turns.reshape(len(value), 3, 3, -1), strict=True
+        ):
             frame, p = moving[places.stem[k]]
             at = p + _in_world(frame, places.at[k])
             if self.nodes[k].slides:
-                moving[k] = _in_world(frame, places.before[k].T), at + x * _in_world(frame, places.axes[k])
+                moving[k] = (
+                    _in_world(frame, places.before[k].T),
+                    at + x * _in_world(frame, places.axes[k]),
+                )
             else:
                 x_axis, y_axis, z_axis = frame
                 moving[k] = turn[:, :1] * x_axis + turn[:, 1:2] * y_axis + turn[:, 2:] * z_axis, at
@@ -212,7 +234,9 @@ def _in_world(frame: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def rotations(axes: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Rotation matrices (N, 3, 3) about unit axes, (N, 3) or one, by the angles ``q`` (N,) [rad] (Rodrigues)."""
     constant, cosine, sine = _rotation_parts(axes)
-    return np.asarray(constant + np.cos(q)[:, None, None] * cosine + np.sin(q)[:, None, None] * sine)
+    return np.asarray(
+        constant + np.cos(q)[:, None, None] * cosine + np.sin(q)[:, None, None] * sine
+    )
 
 
 def _rotation_parts(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -224,7 +248,11 @@ def _rotation_parts(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _place(mount: Mount, placement: Placement) -> Mount:
     """A frame at a constant placement from another."""
     rotation = np.array(placement.rotation)
-    return Mount(mount.node, mount.position + mount.rotation @ np.array(placement.position), mount.rotation @ rotation)
+    return Mount(
+        mount.node,
+        mount.position + mount.rotation @ np.array(placement.position),
+        mount.rotation @ rotation,
+    )
 
 
 def _compliance(model: RobotModel, dof: Dof, ratios: dict[str, float]) -> float:
@@ -240,4 +268,6 @@ def _compliance(model: RobotModel, dof: Dof, ratios: dict[str, float]) -> float:
 
 
 def _refuse(model: RobotModel, where: str, expected: str, given: str) -> ModelError:
-    return ModelError(model.file or model.name, 0, where, given, f"{expected}, in a model that is calibrated")
+    return ModelError(
+        model.file or model.name, 0, where, given, f"{expected}, in a model that is calibrated"
+    )

@@ -22,21 +22,31 @@ class UsageError(Exception):
 class Once(argparse.Action):
     """Store a value; refuse a second one."""
 
-    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+    def __call__(
+        self, parser: Any, namespace: Any, values: Any, option_string: str | None = None
+    ) -> None:
         """Store the value."""
         given = getattr(namespace, self.dest)
         if given is not None:
-            hint = "; 'flexgen solve' takes several moves, the other verbs one at a time" * (self.dest == "move")
-            raise argparse.ArgumentError(self, f"given twice ({given} and {values}), expected one{hint}")
+            hint = "; 'flexgen solve' takes several moves, the other verbs one at a time" * (
+                self.dest == "move"
+            )
+            raise argparse.ArgumentError(
+                self, f"given twice ({given} and {values}), expected one{hint}"
+            )
         setattr(namespace, self.dest, values)
 
 
 class OldName(Once):
     """Store a value given by the old name of an option, and note the new one, ``metavar``, as a warning."""
 
-    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+    def __call__(
+        self, parser: Any, namespace: Any, values: Any, option_string: str | None = None
+    ) -> None:
         """Store the value and the note."""
-        super().__call__(parser, namespace, self.const if self.nargs == 0 else values, option_string)
+        super().__call__(
+            parser, namespace, self.const if self.nargs == 0 else values, option_string
+        )
         note = f"{option_string} is the old name of {self.metavar}, please use the new one"
         namespace.notes = [*getattr(namespace, "notes", ()), note]
 
@@ -49,7 +59,8 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        options |= {"allow_abbrev": False, "add_help": False}  # help is in the section of the messages
+        # help is in the section of the messages
+        options |= {"allow_abbrev": False, "add_help": False}
         super().__init__(*arguments, **options)
         self._negative_number_matcher = _NEGATIVE
 
@@ -104,7 +115,9 @@ class Parser(argparse.ArgumentParser):
 
     def verbs(self) -> Iterator[Parser]:
         """The parsers that run something: of verbs, and of their kinds."""
-        groups = [action for action in self._actions if isinstance(action, argparse._SubParsersAction)]
+        groups = [
+            action for action in self._actions if isinstance(action, argparse._SubParsersAction)
+        ]
         for parser in groups[0].choices.values() if groups else ():
             yield from parser.verbs()
         if not groups:

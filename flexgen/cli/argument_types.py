@@ -23,14 +23,18 @@ def numbers(text: str) -> list[float]:
     except ValueError:
         values = [math.nan]
     if not all(math.isfinite(value) for value in values):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected numbers such as 0.3 -1.1 0 or 0.3,-1.1,0")
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected numbers such as 0.3 -1.1 0 or 0.3,-1.1,0"
+        )
     return values
 
 
 def integers(text: str) -> list[int]:
     """Integers with commas between them."""
     if not re.fullmatch(r"[0-9]{1,9}(,[0-9]{1,9})*", text):
-        raise argparse.ArgumentTypeError(f"given {text[:40]!r}, expected integers such as 1 2 6 or 1,2,6")
+        raise argparse.ArgumentTypeError(
+            f"given {text[:40]!r}, expected integers such as 1 2 6 or 1,2,6"
+        )
     return [int(part) for part in text.split(",")]
 
 
@@ -60,7 +64,9 @@ def not_negative(text: str) -> float:
     """A number >= 0."""
     value = _number(text)
     if not value >= 0:
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a number >= 0, such as 0 or 0.01")
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected a number >= 0, such as 0 or 0.01"
+        )
     return value
 
 
@@ -96,7 +102,9 @@ def spectrum(text: str) -> float | str:
         return text
     value = _number(text)
     if math.isnan(value):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a number such as 0.5, or optimal")
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected a number such as 0.5, or optimal"
+        )
     return value
 
 
@@ -111,7 +119,9 @@ def _file(text: str, *endings: str) -> Path:
     path = Path(text)
     if path.suffix not in endings:
         expected = " or ".join(filter(None, (", ".join(endings[:-1]), endings[-1])))
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in {expected}")
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected a file name ending in {expected}"
+        )
     return path
 
 
@@ -161,7 +171,9 @@ def setting(text: str) -> tuple[str, Any]:
         parsed = {}
     if not key.strip() or not equals or list(parsed) != ["value"]:
         hint = "such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected KEY=VALUE with a TOML value, {hint}")
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected KEY=VALUE with a TOML value, {hint}"
+        )
     return key.strip(), parsed["value"]
 
 
@@ -176,7 +188,9 @@ def plant(text: str) -> tuple[str, dict[str, float]]:
         except ValueError:
             equals = ""
         if not equals or not key.strip():
-            raise argparse.ArgumentTypeError(f"given {text!r}, expected such as soft:stiffness=0.8,payload=5")
+            raise argparse.ArgumentTypeError(
+                f"given {text!r}, expected such as soft:stiffness=0.8,payload=5"
+            )
     return (name if colon else text), changes
 
 
@@ -210,14 +224,19 @@ def wall(text: str) -> dict[str, Any]:
     """``X,Y,Z:NX,NY,NZ:K[:C[:GAP]]``: the numbers of a `flexgen.Wall` by name."""
     parts = text.split(":")
     try:
-        vectors, scalars = [tuple(map(float, part.split(","))) for part in parts[:2]], list(map(float, parts[2:]))
+        vectors, scalars = (
+            [tuple(map(float, part.split(","))) for part in parts[:2]],
+            list(map(float, parts[2:])),
+        )
         if not (1 <= len(scalars) <= 3 and all(len(vector) == 3 for vector in vectors)):
             raise ValueError
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"given {text!r}, expected X,Y,Z:NX,NY,NZ:K[:C[:GAP]], such as 1.2,0,0:-1,0,0:1e5:500"
         ) from None
-    return dict(zip(("point", "normal", "stiffness", "damping", "gap"), (*vectors, *scalars), strict=False))
+    return dict(
+        zip(("point", "normal", "stiffness", "damping", "gap"), (*vectors, *scalars), strict=False)
+    )
 
 
 def joint_value(text: str) -> tuple[str, float]:

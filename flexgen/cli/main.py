@@ -57,7 +57,9 @@ class _Messages:
         self._began, self._quiet, self._verbose = time.perf_counter(), args.quiet, args.verbose
         self._path = args.log
         self._file = (
-            None if args.log is None else follow_links(args.log).open("a", encoding="utf-8", errors="backslashreplace")
+            None
+            if args.log is None
+            else follow_links(args.log).open("a", encoding="utf-8", errors="backslashreplace")
         )
         self.record(f"flexgen {__version__}: {shlex.join(words)}")
 
@@ -82,7 +84,9 @@ class _Messages:
             self._file.flush()
         except OSError as error:
             self._file = None
-            _log(f"flexgen: warning: cannot write to {self._path} ({error.strerror or error}); the log ends here")
+            _log(
+                f"flexgen: warning: cannot write to {self._path} ({error.strerror or error}); the log ends here"
+            )
 
     def close(self) -> None:
         """Close the log file."""
@@ -215,10 +219,17 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
         if os.environ.get("FLEXGEN_DEBUG"):
             raise
         problem, status = _reason(error, args), FAILURE
-        problem += implausible(args, problem) if isinstance(error, SolverError) or is_numerical(error) else ""
+        problem += (
+            implausible(args, problem)
+            if isinstance(error, SolverError) or is_numerical(error)
+            else ""
+        )
     if unlimited.interrupted:
         result = result if result is not None and result.interrupted else None
-        problem, status = "interrupted" + ("; the result is the best so far" if result is not None else ""), INTERRUPTED
+        problem, status = (
+            "interrupted" + ("; the result is the best so far" if result is not None else ""),
+            INTERRUPTED,
+        )
     for warning in result.warnings if result is not None else ():
         messages.report(f"flexgen: warning: {warning}")
     if result is not None:

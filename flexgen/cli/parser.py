@@ -25,7 +25,9 @@ from flexgen.version import __version__
 __all__ = ["EXAMPLES", "UsageError", "build_parser", "parse"]
 
 MODEL = "name in models/ or path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP"
-EXPORT = "Write the robot for another tool: a simulation program, a controller, a robot description."
+EXPORT = (
+    "Write the robot for another tool: a simulation program, a controller, a robot description."
+)
 RUN_MODEL = "planar5_nmp"  # of `flexgen run`, where none is given
 
 EXAMPLES = """\
@@ -140,7 +142,9 @@ def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
     parser: Parser = group.add_parser(name, help=summary, description=summary)
     parser.set_defaults(action=action, parser=parser, row=verb, root=root)
     if verb.model != "none":
-        optional: dict[str, Any] = {"nargs": "?", "default": RUN_MODEL} if verb.model == "optional" else {}
+        optional: dict[str, Any] = (
+            {"nargs": "?", "default": RUN_MODEL} if verb.model == "optional" else {}
+        )
         default = f"; default: {RUN_MODEL}" if optional else ""
         parser.add_argument("model", metavar="MODEL", help=MODEL + default, **optional)
         parser.section("model").add_argument(
@@ -185,14 +189,19 @@ def _add_option(parser: Parser, section: Any, option: Option, default: Any) -> N
         how: dict[str, Any] = {"action": "store_const", "const": constant}
         section.add_argument(option.option, dest=option.parameter, **how, **shown)
     else:
-        how = {"action": "append" if option.several else Once if option.once else "store", "required": option.required}
+        how = {
+            "action": "append" if option.several else Once if option.once else "store",
+            "required": option.required,
+        }
         section.add_argument(option.option, dest=option.parameter, **kind, **how, **shown)
     for former in option.old:
         old, _, value = former.partition("=")
         if value:
             kind = {"nargs": 0, "const": value}
         new = f"{option.option} {value}".rstrip()
-        parser.add_argument(old, dest=option.parameter, action=OldName, metavar=new, help=argparse.SUPPRESS, **kind)
+        parser.add_argument(
+            old, dest=option.parameter, action=OldName, metavar=new, help=argparse.SUPPRESS, **kind
+        )
 
 
 def _type(option: Option) -> Any:
@@ -208,10 +217,16 @@ def _type(option: Option) -> Any:
 def _add_message_arguments(parser: Parser) -> None:
     """Add the options that each verb has, as the last section of its help."""
     section = parser.section(MESSAGES)
-    section.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+    section.add_argument(
+        "--json", action="store_true", help="print one JSON object instead of text"
+    )
     amount = section.add_mutually_exclusive_group()
-    amount.add_argument("-q", "--quiet", action="store_true", help="no progress messages on standard error")
-    amount.add_argument("-v", "--verbose", action="store_true", help="more details, and the time of each message")
+    amount.add_argument(
+        "-q", "--quiet", action="store_true", help="no progress messages on standard error"
+    )
+    amount.add_argument(
+        "-v", "--verbose", action="store_true", help="more details, and the time of each message"
+    )
     help_log = "append messages and results to this file"
     section.add_argument("--log", metavar="FILE", type=argument_types.file_path, help=help_log)
     section.add_argument("-h", "--help", action="help", help="show this help")
@@ -223,5 +238,10 @@ def _function_list() -> str:
 
     width = max(min(100, shutil.get_terminal_size().columns - 2), 60)
     layout: dict[str, Any] = {"subsequent_indent": " " * 32, "break_on_hyphens": False}
-    rows = [(row.name, row.summary) for row in TABLE if not split_product(row.name)[1]] + list(PRODUCTS)
-    return "\n".join(textwrap.fill(summary, width, initial_indent=f"  {name:<30}", **layout) for name, summary in rows)
+    rows = [(row.name, row.summary) for row in TABLE if not split_product(row.name)[1]] + list(
+        PRODUCTS
+    )
+    return "\n".join(
+        textwrap.fill(summary, width, initial_indent=f"  {name:<30}", **layout)
+        for name, summary in rows
+    )

@@ -48,7 +48,11 @@ class VerbResult:
 def keywords(args: Namespace, *without: str) -> dict[str, Any]:
     """The given arguments that are parameters of the public function of the verb, by name, but ``model`` and these."""
     known = defaults_of(args.row.function)
-    found = {name: getattr(args, name) for name in args.given if name in known and name not in ("model", *without)}
+    found = {
+        name: getattr(args, name)
+        for name in args.given
+        if name in known and name not in ("model", *without)
+    }
     if "plants" in found:
         names = [name for name, _ in found["plants"]]
         if len(set(names)) != len(names):
@@ -97,7 +101,8 @@ def check_outputs(args: Namespace) -> None:
     ArgumentError
         One cannot be written, or the folder of a report has the page of another program.
     """
-    several = isinstance(getattr(args, "move", None), list) and len(args.move) > 1  # `solve` writes under other names
+    # `solve` writes under other names
+    several = isinstance(getattr(args, "move", None), list) and len(args.move) > 1
     for option in args.row.sections.get("files", ()) if not several else ():
         path = getattr(args, option.parameter)
         if isinstance(path, Path):
@@ -124,7 +129,9 @@ def alone(args: Namespace, option: str, *others: str) -> None:
     given = [name for name in others if name in args.given]
     if given:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise ArgumentError(f"{option}: given with {names}, expected without: with {option} that has no effect")
+        raise ArgumentError(
+            f"{option}: given with {names}, expected without: with {option} that has no effect"
+        )
 
 
 def written(args: Namespace, result: Result) -> dict[str, Path | None]:
@@ -140,7 +147,11 @@ def written(args: Namespace, result: Result) -> dict[str, Path | None]:
 
 
 def with_files(
-    text: str, data: Mapping[str, Any], files: Mapping[str, Path | None], problem: str = "", **more: Any
+    text: str,
+    data: Mapping[str, Any],
+    files: Mapping[str, Path | None],
+    problem: str = "",
+    **more: Any,
 ) -> VerbResult:
     """The result of a verb that wrote files: their paths are in the data, and a line each below the text."""
     lines = "\n".join(f"wrote {path}" for path in files.values() if path is not None)

@@ -33,9 +33,13 @@ def merge_files(name: str, files: Mapping[str, str]) -> dict[str, str]:
     # the fixed files first: the functions define macros with short names
     order = sorted(sources, key=lambda file: (f'#include "{name}_undefine.h"' in files[file], file))
     body = "\n".join(merged.text(PurePosixPath(file).name) for file in order)
-    note = f"/* {name}: the sources of the library in one file. Written by flexgen; see {name}.h. */"
+    note = (
+        f"/* {name}: the sources of the library in one file. Written by flexgen; see {name}.h. */"
+    )
     text = f'{note}\n#include "{name}.h"\n\n{body}'
-    example = files["example.c"].replace("-I. example.c $(find src -name '*.c')", f"example.c {name}.c")
+    example = files["example.c"].replace(
+        "-I. example.c $(find src -name '*.c')", f"example.c {name}.c"
+    )
     for file in public:
         example = example.replace(f'#include "{file}"', f'#include "{name}.h"')
     return {f"{name}.h": header, f"{name}.c": text, "example.c": example}
@@ -48,12 +52,18 @@ def merge_text(file: str, texts: Mapping[str, str]) -> str:
 
 def _find_include(line: str) -> str | None:
     """Name of the file that a line includes in quotes, without its folder; None for every other line."""
-    return PurePosixPath(line[len(_INCLUDE) :].rstrip().rstrip('"')).name if line.startswith(_INCLUDE) else None
+    return (
+        PurePosixPath(line[len(_INCLUDE) :].rstrip().rstrip('"')).name
+        if line.startswith(_INCLUDE)
+        else None
+    )
 
 
 def _without(text: str, names: set[str]) -> str:
     """A text without the lines that include these files."""
-    return "".join(line for line in text.splitlines(keepends=True) if _find_include(line) not in names)
+    return "".join(
+        line for line in text.splitlines(keepends=True) if _find_include(line) not in names
+    )
 
 
 class _Merged:
@@ -81,7 +91,10 @@ class _Merged:
             first, _, rest = head.partition("\n#ifndef T")
             self._texts[file] = mathematics.removesuffix("#endif\n")
             text = f"{first}\n{rest.partition(chr(10))[2]}"
-        if any(line.startswith("#ifndef ") and line.rstrip().endswith("_H") for line in text.splitlines()):
+        if any(
+            line.startswith("#ifndef ") and line.rstrip().endswith("_H")
+            for line in text.splitlines()
+        ):
             self._seen.add(file)
         out = []
         for line in text.splitlines(keepends=True):

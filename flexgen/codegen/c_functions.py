@@ -11,7 +11,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexgen.codegen.clib_types import CFunction, Field
-from flexgen.codegen.interface import BOUNDS, DERIVATIVES, FORCE, OUTPUT, PARTS, POSITION, RATE, SECOND
+from flexgen.codegen.interface import (
+    BOUNDS,
+    DERIVATIVES,
+    FORCE,
+    OUTPUT,
+    PARTS,
+    POSITION,
+    RATE,
+    SECOND,
+)
 from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
 from flexgen.codegen.motor_constants import position_obstacle
@@ -32,7 +41,13 @@ def _whole(info: str) -> tuple[Field, ...]:
     """The arguments of a solver of whole paths with this info."""
     return (
         Field("samples", "const samples *", (), "", "samples of the output"),
-        Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium at the first sample"),
+        Field(
+            "q_start",
+            "const real *",
+            ("n_a",),
+            "mixed",
+            "initial guess of the equilibrium at the first sample",
+        ),
         Field("options", "const inversion_options *", (), "", ""),
         Field("motion", "motion *", (), "", f"results; N = {_N}"),
         Field("info", f"{info} *", (), "", "what the solver reports"),
@@ -108,8 +123,20 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "arrays and a workspace of its own.",
         (
             Field("problems", "const problems *", (), "", ""),
-            Field("samples", "const samples *", (), "", "samples of the outputs: n and period of all paths are equal"),
-            Field("q_start", "const real *", ("count", "n_a"), "mixed", "initial guesses, as of invert"),
+            Field(
+                "samples",
+                "const samples *",
+                (),
+                "",
+                "samples of the outputs: n and period of all paths are equal",
+            ),
+            Field(
+                "q_start",
+                "const real *",
+                ("count", "n_a"),
+                "mixed",
+                "initial guesses, as of invert",
+            ),
             Field("options", "const inversion_options *", (), "", ""),
             Field("motion", "motion *", (), "", f"results, count times N = {_N}"),
             Field("info", "invert_info *", ("count",), "", "what the solver reports"),
@@ -269,7 +296,13 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         (
             _STREAM,
             Field("options", "const stream_options *", (), "", ""),
-            Field("samples", "const samples *", (), "", "of the output; the period is that of the options"),
+            Field(
+                "samples",
+                "const samples *",
+                (),
+                "",
+                "of the output; the period is that of the options",
+            ),
             Field(
                 "q_start",
                 "const real *",
@@ -330,7 +363,9 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             _STREAM,
             Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
             Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),
-            Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
+            Field(
+                "deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"
+            ),
         ),
     ),
     CFunction(
@@ -342,8 +377,16 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "at most 21 points; the members knot_samples and deviation are ignored.",
         (
             _STREAM,
-            Field("limits", "const inversion_limits *", (), "", "null members and infinite entries: no limits"),
-            Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
+            Field(
+                "limits",
+                "const inversion_limits *",
+                (),
+                "",
+                "null members and infinite entries: no limits",
+            ),
+            Field(
+                "deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"
+            ),
         ),
         part=BOUNDS,
     ),
@@ -354,7 +397,11 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
 
 
 def offered_c_functions(
-    model: RobotModel, functions: Sequence[str], parameters: Sequence[object], precision: str, parts: Sequence[str] = ()
+    model: RobotModel,
+    functions: Sequence[str],
+    parameters: Sequence[object],
+    precision: str,
+    parts: Sequence[str] = (),
 ) -> tuple[CFunction, ...]:
     """The hand-written functions of a library with these functions, run-time parameters, precision and `PARTS`."""
     kinematic = kinematic_functions(model, functions, precision)
@@ -364,13 +411,19 @@ def offered_c_functions(
     offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
     if position_obstacle(model) is not None:
         offered = [f for f in offered if f.part != POSITION]
-    offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
+    offered = [
+        f
+        for f in offered
+        if (precision == "double" or not f.double) and (not f.part or f.part in parts)
+    ]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)
     return (*(_with_parameters(function) for function in offered), *kinematic)
 
 
-def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str], precision: str) -> None:
+def check_parts(
+    parts: Sequence[str], model: RobotModel, functions: Sequence[str], precision: str
+) -> None:
     """ArgumentError for an optional part that is unknown, or that a library with these functions cannot have."""
     for part in parts:
         if part not in PARTS:
@@ -387,8 +440,12 @@ def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str
 
 def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
     """Why a library with these functions has no invert and stream; None where it has them."""
-    missing = [name for name in offered_functions(model) if name in INVERTING and name not in functions]
-    obstacle = f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
+    missing = [
+        name for name in offered_functions(model) if name in INVERTING and name not in functions
+    ]
+    obstacle = (
+        f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
+    )
     if (motors := bristled_motors(model)) and (found := has_harmonics(model)):
         return f"motor {motors[0]} has lugre and {found}, of which C has one or the other"
     return model.inversion_obstacle() or obstacle

@@ -23,7 +23,9 @@ def comment(text: str, indent: str = " * ") -> str:
 def quote(text: str) -> str:
     """A C string literal; whatever is not plain is written in octal."""
     plain = (
-        chr(b) if (chr(b).isascii() and chr(b).isalnum()) or chr(b) in " .,:;/^_()*-+" else f"\\{b:03o}"
+        chr(b)
+        if (chr(b).isascii() and chr(b).isalnum()) or chr(b) in " .,:;/^_()*-+"
+        else f"\\{b:03o}"
         for b in text.encode()
     )
     return f'"{"".join(plain)}"'
@@ -47,7 +49,9 @@ def count_of(spec: LibrarySpec, f: FunctionSpec, port: Port) -> str:
 def declaration(text: str) -> str:
     """A prototype, broken into lines between its arguments where it is long."""
     glued = text.replace(" ", "\0").replace(",\0", ", ")
-    lines = textwrap.wrap(glued, 116, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(
+        glued, 116, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
     return "\n".join(lines).replace("\0", " ")
 
 
@@ -64,9 +68,13 @@ def batch_prototype(spec: LibrarySpec, f: FunctionSpec, strided: bool = False) -
     """The head of the function that evaluates many points; ``strided``: whose entries may be further apart."""
     name = f"{spec.name}_{f.name}_batch{'_strided' * strided}"
     real = f"{spec.name}_real"
-    arguments = [f"const {real} *{p.name}" for p in f.inputs] + [f"{real} *{p.name}" for p in f.outputs]
+    arguments = [f"const {real} *{p.name}" for p in f.inputs] + [
+        f"{real} *{p.name}" for p in f.outputs
+    ]
     counts = ["int n", *(["int stride"] if strided else [])]
-    return declaration(f"{spec.name}_status {name}({', '.join([*counts, *arguments, f'{real} *work'])})")
+    return declaration(
+        f"{spec.name}_status {name}({', '.join([*counts, *arguments, f'{real} *work'])})"
+    )
 
 
 def port_table(f: FunctionSpec) -> str:
@@ -76,10 +84,13 @@ def port_table(f: FunctionSpec) -> str:
         rows += [(kind, p.name, " x ".join(f.extents[p.name]), f"[{p.unit}]", p.doc) for p in ports]
     width = [max(len(row[i]) for row in rows) for i in range(4)]
     return "".join(
-        comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ") for row in rows
+        comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ")
+        for row in rows
     )
 
 
 def number_names(names: Iterable[str], units: Iterable[str]) -> str:
     """A list of names and units, numbered from 0."""
-    return ", ".join(f"{i} {name} [{unit}]" for i, (name, unit) in enumerate(zip(names, units, strict=True)))
+    return ", ".join(
+        f"{i} {name} [{unit}]" for i, (name, unit) in enumerate(zip(names, units, strict=True))
+    )

@@ -30,14 +30,22 @@ from flexgen.codegen.constants_header import (
 )
 from flexgen.codegen.interface import LIMITS
 from flexgen.codegen.spec import LibrarySpec
-from flexgen.codegen.stream_bounds import BLOCK, CALL, Contents, Linear, stream_operations, stream_size
+from flexgen.codegen.stream_bounds import (
+    BLOCK,
+    CALL,
+    Contents,
+    Linear,
+    stream_operations,
+    stream_size,
+)
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
 from flexgen.mechanics.signatures import INVERTING
 
 FOLDER = "flexgen.clib"
-SOLVERS = ("bvp.c", "growth.c", "invert.c", "stream.c")  # parts of one source, so that they share their functions
+# parts of one source, so that they share their functions
+SOLVERS = ("bvp.c", "growth.c", "invert.c", "stream.c")
 KERNEL = (
     "kernel.h",
     "kernel_functions.h",
@@ -62,9 +70,14 @@ def read_clib() -> dict[str, str]:
     """The texts of ``flexgen/clib/`` by file name."""
     folder = files(FOLDER)
     if not folder.is_dir():
-        raise BuildError(f"{folder}: given no such folder, expected the C files of flexgen; install flexgen again")
+        raise BuildError(
+            f"{folder}: given no such folder, expected the C files of flexgen; install flexgen again"
+        )
     found = (path for path in folder.iterdir() if path.name.endswith((".c", ".h")))
-    return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
+    return {
+        path.name: path.read_text(encoding="ascii")
+        for path in sorted(found, key=lambda path: path.name)
+    }
 
 
 def resolve(text: str, values: Mapping[str, int]) -> str:
@@ -85,14 +98,17 @@ def resolve(text: str, values: Mapping[str, int]) -> str:
             found = _IF.match(line)
             decided = found is not None and found[1] in values
             taken.append(
-                _COMPARE[found[2] or "!="](values[found[1]], int(found[3] or 0)) if found and decided else None
+                _COMPARE[found[2] or "!="](values[found[1]], int(found[3] or 0))
+                if found and decided
+                else None
             )
         of_text = word == "" or taken[-1] is None
         if word == "else" and not of_text:
             taken[-1] = not taken[-1]
         if not of_text or False in taken:
             cut = True
-        elif not cut or line != "\n" or lines[-1:] != ["\n"]:  # no second empty line where a text is left out
+        # no second empty line where a text is left out
+        elif not cut or line != "\n" or lines[-1:] != ["\n"]:
             lines.append(line)
             cut = False
         if word == "endif":
@@ -123,7 +139,9 @@ def render(
     if precision == "double":
         return text
     parts = _COMMENT.split(text)  # code and comments in turn
-    return "".join(_LITERAL.sub(r"\g<0>f", part) if i % 2 == 0 else part for i, part in enumerate(parts))
+    return "".join(
+        _LITERAL.sub(r"\g<0>f", part) if i % 2 == 0 else part for i, part in enumerate(parts)
+    )
 
 
 def kernel_files(name: str, precision: str) -> dict[str, str]:
@@ -144,14 +162,20 @@ def kernel_files(name: str, precision: str) -> dict[str, str]:
     chosen = {file: file for file in KERNEL} | {f"precision_{precision}.h": "precision.h"}
     if f"precision_{precision}.h" not in read_clib():
         raise BuildError(f"precision: given {precision!r}, expected double or single")
-    return {f"{name}_{new}": render(read_clib()[file], name) for file, new in sorted(chosen.items())}
+    return {
+        f"{name}_{new}": render(read_clib()[file], name) for file, new in sorted(chosen.items())
+    }
 
 
 def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of the inversion, by name; none where the library has no inversion."""
     if not spec.inverts or spec.motor_constants is None:
         return {}
-    names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
+    names = sorted(
+        _follow_includes(
+            {function.file for function in spec.declared_in("inversion") if function.file}
+        )
+    )
     has = {
         "BOUNDS": has_bounds(spec),
         "CURVED": is_curved(spec),
@@ -177,7 +201,9 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"},
     )
     names = [name for name in names if files.get(name) in (None, *parts)]
-    texts = {name: render(read_clib()[name], spec.name, spec.precision, parts, values) for name in names}
+    texts = {
+        name: render(read_clib()[name], spec.name, spec.precision, parts, values) for name in names
+    }
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
@@ -186,7 +212,9 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
 
 def _together(spec: LibrarySpec, solvers: Mapping[str, str]) -> str:
     """The source of these solvers, from which a compiler can be told to leave parts out."""
-    parts = {macro(spec, f"WITHOUT_{name.removesuffix('.c')}"): text for name, text in solvers.items()}
+    parts = {
+        macro(spec, f"WITHOUT_{name.removesuffix('.c')}"): text for name, text in solvers.items()
+    }
     head = comment(
         f"{spec.name}: the solvers of inverse dynamics along paths, in one source, so that they share their functions. "
         f"With {' or '.join(f'-D{flag}' for flag in parts)} it is compiled without this part. Written by flexgen; see "
@@ -199,7 +227,9 @@ def _together(spec: LibrarySpec, solvers: Mapping[str, str]) -> str:
 def _follow_includes(names: set[str]) -> set[str]:
     """These files and all that they include, without those of `KERNEL`."""
     texts = read_clib()
-    more = {name for text in names for name in re.findall(r'#include "model_(\w+\.h)"', texts[text])}
+    more = {
+        name for text in names for name in re.findall(r'#include "model_(\w+\.h)"', texts[text])
+    }
     both = names | ((more & set(texts)) - set(KERNEL))
     return names if both == names else _follow_includes(both)
 
@@ -207,7 +237,9 @@ def _follow_includes(names: set[str]) -> set[str]:
 def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_inversion.h``."""
     name, guard = spec.name, macro(spec, "INVERSION_H")
-    limits = "".join(f"#define {macro(spec, row.name)} {row.value} /* {row.doc} */\n" for row in LIMITS)
+    limits = "".join(
+        f"#define {macro(spec, row.name)} {row.value} /* {row.doc} */\n" for row in LIMITS
+    )
     enums = "\n".join(_enum(spec, enum) for enum in spec.enums)
     structs = "\n".join(_struct(spec, struct) for struct in spec.structs)
     functions = "\n".join(declare(spec, function) for function in spec.declared_in("inversion"))
@@ -265,12 +297,16 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"
-        constant, interval, sample = (f"INT64_C({x})" for x in (bound.constant, bound.per_interval, bound.per_sample))
+        constant, interval, sample = (
+            f"INT64_C({x})" for x in (bound.constant, bound.per_interval, bound.per_sample)
+        )
         value = f"{constant} + {interval} * (intervals) + {sample} * (samples_per_interval)"
         return f"#define {macro(spec, name)}({arguments}) \\\n    ({value})\n"
 
     lines = [
-        comment("Memory of a stream in reals, as a constant expression: at least stream_work.", "/* ").rstrip()
+        comment(
+            "Memory of a stream in reals, as a constant expression: at least stream_work.", "/* "
+        ).rstrip()
         + " */\n",
         linear("STREAM_SIZE", size),
         "/*\n",
@@ -296,7 +332,11 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
             ),
             ("STREAM_PERIOD", literal(d.period, spec.precision), "[s] from update to update"),
             ("STREAM_INTERVALS", str(d.intervals), "LOOK_AHEAD / STREAM_PERIOD"),
-            ("STREAM_SAMPLES_PER_INTERVAL", str(d.samples_per_interval), "samples of the results per update"),
+            (
+                "STREAM_SAMPLES_PER_INTERVAL",
+                str(d.samples_per_interval),
+                "samples of the results per update",
+            ),
             ("STREAM_TOLERANCE", literal(d.tolerance, spec.precision), "largest relative residual"),
         )
         lines += [
@@ -315,7 +355,8 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
 def _enum(spec: LibrarySpec, enum: Enum) -> str:
     """An enumeration of the public header."""
     members = ",\n".join(
-        f"    {macro(spec, f'{enum.name}_{name}')} = {k} /* {doc} */" for k, (name, doc) in enumerate(enum.members)
+        f"    {macro(spec, f'{enum.name}_{name}')} = {k} /* {doc} */"
+        for k, (name, doc) in enumerate(enum.members)
     )
     return f"/*\n{comment(enum.doc)} */\ntypedef enum {{\n{members}\n}} {spec.name}_{enum.name};\n"
 
@@ -348,7 +389,8 @@ def declare(spec: LibrarySpec, function: CFunction) -> str:
     ]
     width = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
     table = "".join(
-        comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ") for row in rows
+        comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ")
+        for row in rows
     )
     words = function.notes
     if function.returns == "status":
@@ -370,7 +412,8 @@ def stack_bytes(spec: LibrarySpec) -> int:
     elements = count_elements(spec)  # of gears with hysteresis: arrays of lanes
     branches = (elements > 0) * (80 * (n_g + 8) + 16 * n_g) + 3 * max(0, elements - 1) * (n_g + 8)
     branches += is_curved(spec) * (elements * (n_g + 8) + 60)
-    waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]  # of motors with Fourier sums: motion and factors, in points
+    # of motors with Fourier sums: motion and factors, in points
+    waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]
     bristles = is_bristled(spec) * (10 * spec.sizes["n_m"] + 80)
     return -(-(8 * (at_rest + zeros + branches + waves + bristles + servo) + 10_000) // 1024) * 1024
 

@@ -12,7 +12,8 @@ class Status:
     name: str
     code: int
     text: str
-    exception: str = ""  # a class of flexgen.errors; none for success, and for warnings, whose codes are positive
+    # a class of flexgen.errors; none for success, and for warnings, whose codes are positive
+    exception: str = ""
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,9 @@ class CFunction:
     @property
     def signature(self) -> str:
         """Names and types in one line, for the digest of the interface."""
-        return f"{self.name}({','.join(f'{a.kind} {a.name}' for a in self.arguments)}){self.returns}"
+        return (
+            f"{self.name}({','.join(f'{a.kind} {a.name}' for a in self.arguments)}){self.returns}"
+        )
 
 
 def signature_of(struct: Struct) -> str:

@@ -16,7 +16,9 @@ from flexgen.position_servo.filters import inverse_taps
 
 def count_elements(spec: LibrarySpec) -> int:
     """The most elements of hysteresis that a gear has, of a model that the library inverts; zero: none."""
-    return 0 if spec.motor_constants is None else sum(map(any, spec.motor_constants.hysteresis_slip))
+    return (
+        0 if spec.motor_constants is None else sum(map(any, spec.motor_constants.hysteresis_slip))
+    )
 
 
 def is_curved(spec: LibrarySpec) -> bool:
@@ -63,7 +65,9 @@ def has_growth(spec: LibrarySpec) -> bool:
     return any(f.file == "growth.c" for f in spec.c_functions)
 
 
-def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERTING) -> int:
+def space_of(
+    spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERTING
+) -> int:
     """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
     used = (f for f in spec.functions if f.name in names)
     return max(max(works(f, written[f.name], spec.precision)) for f in used)
@@ -91,7 +95,9 @@ static const real curve_piece[{first}][10] = {{
 """
 
 
-def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapping[str, FunctionText]) -> str:
+def constants_header(
+    spec: LibrarySpec, constants: MotorConstants, written: Mapping[str, FunctionText]
+) -> str:
     """Text of ``<name>_motor_constants.h``: numbers of the model as constants."""
 
     def join(values: Sequence[float]) -> str:
@@ -103,11 +109,19 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
     prefix = spec.name.upper()
     ng, nm = f"{prefix}_NG", f"{prefix}_NM"
     text = integers("i_g", ng, constants.i_g)
-    text += integers("i_e", f"{prefix}_NE", constants.i_e) if constants.i_e else integers("i_e", "1", [0])  # not read
+    # not read
+    text += (
+        integers("i_e", f"{prefix}_NE", constants.i_e)
+        if constants.i_e
+        else integers("i_e", "1", [0])
+    )
     text += integers("gear_is_rigid", ng, [int(x) for x in constants.gear_is_rigid])
     text += integers("gear_is_linear", ng, [int(x) for x in constants.gear_is_linear])
     text += _damping(spec, constants, join)
-    for name, A, rows, columns in (("eta", constants.eta, nm, ng), ("eta_inverse", constants.eta_inverse, ng, nm)):
+    for name, A, rows, columns in (
+        ("eta", constants.eta, nm, ng),
+        ("eta_inverse", constants.eta_inverse, ng, nm),
+    ):
         body = ",\n".join(f"    {join(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {join(constants.rotor_inertia)};\n"
@@ -118,7 +132,9 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
             ("slip", constants.hysteresis_slip, "0: none"),
         ):
             body = ", ".join(map(join, layers))
-            text += f"static const real hysteresis_{name}[ELEMENTS][{ng}] = {{{body}}}; /* {note} */\n"
+            text += (
+                f"static const real hysteresis_{name}[ELEMENTS][{ng}] = {{{body}}}; /* {note} */\n"
+            )
         text += _curves(constants, ng, join) if is_curved(spec) else ""
     if is_bristled(spec):
         for name, values in constants.lugre.items():
@@ -129,7 +145,9 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
     if (servo := constants.servo) is not None and servo.filters:
         taps, h = inverse_taps(servo.low_pass, servo.sample_time)[0], servo.sample_time
         names = ("FILTER_BEFORE", "FILTER_AHEAD", "NOTCHES")
-        sizes = ", ".join(f"{name} = {n}" for name, n in zip(names, filter_sizes(spec), strict=True))
+        sizes = ", ".join(
+            f"{name} = {n}" for name, n in zip(names, filter_sizes(spec), strict=True)
+        )
         text += f"enum {{ {sizes}, FILTER_TAPS = {len(taps)} }}; /* of the servo */\n"
         text += f"static const real filter_tap[FILTER_TAPS] = {join(taps)};\n"
         sections = [one.section(h) for one in servo.notch] or [(1.0, 0.0, 0.0, 0.0, 0.0)]
@@ -182,7 +200,9 @@ def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
     """The arguments of a macro, and those of the function: the run-time parameters are in the workspace."""
     names = [p.name for p in (*f.inputs, *f.outputs)]
     held = {"parameters": "PARAMETERS_OF(work)"} if spec.parameters else {}
-    return ", ".join(name for name in names if name not in held), ", ".join(held.get(name, name) for name in names)
+    return ", ".join(name for name in names if name not in held), ", ".join(
+        held.get(name, name) for name in names
+    )
 
 
 def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
@@ -203,10 +223,16 @@ def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side
     )
 
 
-def _damping(spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]) -> str:
+def _damping(
+    spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]
+) -> str:
     """The damping of the gears on the arm side; some values may be run-time parameters times a factor."""
     ng = f"{spec.name.upper()}_NG"
-    at = {p.name.removesuffix(".damping"): k for k, p in enumerate(spec.parameters) if p.name.endswith(".damping")}
+    at = {
+        p.name.removesuffix(".damping"): k
+        for k, p in enumerate(spec.parameters)
+        if p.name.endswith(".damping")
+    }
     index = [at.get(name, -1) for name in constants.gears]
     given = zip(index, constants.damping_factor, constants.gear_damping, strict=True)
     values = [factor if k >= 0 else damping for k, factor, damping in given]
@@ -231,5 +257,9 @@ def _parameter_macros(spec: LibrarySpec) -> str:
     given = "parameters" if count else "no_parameters"
     passed = " parameters," if count else ""
     empty = "" if count else "static const real no_parameters[1] = {0};\n"
-    macros = {"PARAMETERS_ARGUMENT": argument, "GIVEN_PARAMETERS": f" {given}", "PASSED_PARAMETERS": passed}
+    macros = {
+        "PARAMETERS_ARGUMENT": argument,
+        "GIVEN_PARAMETERS": f" {given}",
+        "PASSED_PARAMETERS": passed,
+    }
     return empty + "".join(f"#define {name}{text}\n" for name, text in macros.items())

@@ -14,7 +14,8 @@ def model_digest(model: RobotModel) -> str:
 
     The fields too, because ``dataclasses.replace`` changes them and keeps the text.
     """
-    without = ("file",) if model.sensors else ("file", "sensors")  # digests from before there were sensors stay
+    # digests from before there were sensors stay
+    without = ("file",) if model.sensors else ("file", "sensors")
     return hashlib.sha256(_canonical(model, without=without).encode()).hexdigest()
 
 

@@ -56,7 +56,10 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     """
     check_names(spec)
     written = function_texts(spec) if written is None else written
-    files = {f"{spec.name}.h": header(spec, written), f"{spec.name}_batch.h": batch_header(spec, written)}
+    files = {
+        f"{spec.name}.h": header(spec, written),
+        f"{spec.name}_batch.h": batch_header(spec, written),
+    }
     if spec.inverts:
         files[f"{spec.name}_inversion.h"] = inversion_header(spec, written)
     if spec.declared_in("inverse_kinematics"):
@@ -66,7 +69,9 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
         private[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
     private |= inversion_files(spec, written) | kinematics_files(spec, written)
     for public in list(files):  # so that no compiler needs to be told where they are
-        private = {name: text.replace(f'"{public}"', f'"../{public}"') for name, text in private.items()}
+        private = {
+            name: text.replace(f'"{public}"', f'"../{public}"') for name, text in private.items()
+        }
     files |= {f"{SOURCES}/{name}": text for name, text in private.items()}
     files["example.c"] = example(spec, written)
     for name, text in files.items():
@@ -80,17 +85,34 @@ def _write(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
     parameters = "parameters" if spec.parameters and "parameters" in inputs else None
     values = [parameter.value for parameter in spec.parameters]
     return function_text(
-        f.program, inputs, outputs, parameters, spec.precision, values, f"{f.name}_", shared=not spec.per_point
+        f.program,
+        inputs,
+        outputs,
+        parameters,
+        spec.precision,
+        values,
+        f"{f.name}_",
+        shared=not spec.per_point,
     )
 
 
 def symbols(spec: LibrarySpec) -> tuple[str, ...]:
     """Everything that the library exports, sorted."""
-    general = ["status_text", "abi_version", "digest", "interface", "sizeof_real", "sizeof_int", "work"]
+    general = [
+        "status_text",
+        "abi_version",
+        "digest",
+        "interface",
+        "sizeof_real",
+        "sizeof_int",
+        "work",
+    ]
     general += ["batch_work", *spec.sizes]
     if spec.parameters:
         general.append("parameters")
-    functions = (f"{f.name}{suffix}" for f in spec.functions for suffix in ("", "_batch", "_batch_strided"))
+    functions = (
+        f"{f.name}{suffix}" for f in spec.functions for suffix in ("", "_batch", "_batch_strided")
+    )
     fixed = (function.name for function in spec.c_functions)
     return tuple(sorted(f"{spec.name}_{name}" for name in (*general, *functions, *fixed)))
 
@@ -107,7 +129,11 @@ def check_names(spec: LibrarySpec) -> None:
     for f in spec.functions:
         for port in (*f.inputs, *f.outputs):
             if _INTERNAL.match(port.name):
-                raise BuildError(f"port of {f.name}: given {port.name!r}, which the emitted function uses itself")
+                raise BuildError(
+                    f"port of {f.name}: given {port.name!r}, which the emitted function uses itself"
+                )
     exported = symbols(spec)
     if len(set(exported)) != len(exported):
-        raise BuildError(f"functions of {spec.name}: given names that collide, expected {len(exported)} different ones")
+        raise BuildError(
+            f"functions of {spec.name}: given names that collide, expected {len(exported)} different ones"
+        )

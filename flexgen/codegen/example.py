@@ -18,7 +18,9 @@ def example(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     called = "    failed |= invert_path();\n    failed |= run_stream();\n" if inverts else ""
     headers = f'#include "{spec.name}_inversion.h"' if inverts else f'#include "{spec.name}.h"'
     what = "every function once, at rest in the home pose" + (
-        "; then a path on which the output stays where it is, inverted as a whole and by a stream" if inverts else ""
+        "; then a path on which the output stays where it is, inverted as a whole and by a stream"
+        if inverts
+        else ""
     )
     return f"""\
 /*
@@ -60,14 +62,18 @@ def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
             lines += f"        {real} parameters[{count_of(spec, f, p)}];\n"
             shared = True
             continue
-        numbers = ", ".join(literal(x, spec.precision) for x in spec.home.get(p.name, (0.0,) * p.size))
+        numbers = ", ".join(
+            literal(x, spec.precision) for x in spec.home.get(p.name, (0.0,) * p.size)
+        )
         lines += f"        const {real} {p.name}[{count_of(spec, f, p)}] = {{{numbers}}};\n"
     lines += "".join(f"        {real} {p.name}[{count_of(spec, f, p)}];\n" for p in f.outputs)
     if needs_work:
         lines += f"        {real} work[{macro(spec, 'WORK')}];\n"
     if shared:
         lines += f"        {spec.name}_parameters(parameters);\n"
-    arguments = ", ".join([*(p.name for p in (*f.inputs, *f.outputs)), *(["work"] if needs_work else [])])
+    arguments = ", ".join(
+        [*(p.name for p in (*f.inputs, *f.outputs)), *(["work"] if needs_work else [])]
+    )
     shows = "".join(
         f'            show("{p.name}", {quote(p.unit)}, {p.name}, {size_macro(spec, f.extents[p.name][0])}, '
         f"{size_macro(spec, f.extents[p.name][1]) if len(p.shape) == 2 else 1});\n"
@@ -93,7 +99,9 @@ def _inversion(spec: LibrarySpec) -> str:
     pose = spec.motor_constants is not None and spec.motor_constants.pose
     home = _home_output(spec, pose)
     declared = f"    {real} parameters[{size_macro(spec, 'n_p')}];\n" if spec.parameters else ""
-    fill, given = (f"    {name}_parameters(parameters);\n", "parameters, ") if spec.parameters else ("", "")
+    fill, given = (
+        (f"    {name}_parameters(parameters);\n", "parameters, ") if spec.parameters else ("", "")
+    )
     return f"""\
 enum {{ SAMPLES = 21, UPDATES = 10 }};
 

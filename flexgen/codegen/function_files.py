@@ -18,7 +18,9 @@ from flexgen.spec.ports import Port
 
 def facade(spec: LibrarySpec) -> str:
     """Text of ``<name>.c``: identity and sizes of the library."""
-    cases = "".join(f"    case {macro(spec, s.name)}:\n        return {quote(s.text)};\n" for s in STATUSES)
+    cases = "".join(
+        f"    case {macro(spec, s.name)}:\n        return {quote(s.text)};\n" for s in STATUSES
+    )
     values = {
         "abi_version": str(ABI_VERSION),
         "sizeof_real": f"(int)sizeof({spec.name}_real)",
@@ -27,10 +29,13 @@ def facade(spec: LibrarySpec) -> str:
         **{name: size_macro(spec, name) for name in spec.sizes},
     }
     functions = "\n".join(
-        f"int {spec.name}_{name}(void)\n{{\n    return {value};\n}}\n" for name, value in values.items()
+        f"int {spec.name}_{name}(void)\n{{\n    return {value};\n}}\n"
+        for name, value in values.items()
     )
     include = f'#include "{spec.name}_inversion.h"\n' if spec.inverts else ""
-    defaults = "".join(_defaults(spec, function) for function in spec.c_functions if not function.file)
+    defaults = "".join(
+        _defaults(spec, function) for function in spec.c_functions if not function.file
+    )
     parameters = ""
     if spec.parameters:
         lines = "".join(
@@ -101,7 +106,9 @@ def _servo_defaults(spec: LibrarySpec) -> str:
     servo, lines = spec.motor_constants.servo, ""
     for name in GAINS:
         values = ", ".join(literal(x, spec.precision) for x in getattr(servo, name))
-        lines += f"    static const {spec.name}_real {name}[{size_macro(spec, 'n_m')}] = {{{values}}};\n"
+        lines += (
+            f"    static const {spec.name}_real {name}[{size_macro(spec, 'n_m')}] = {{{values}}};\n"
+        )
     lines += f"    {spec.name}_servo servo;\n"
     lines += "".join(f"    servo.{name} = {name};\n" for name in GAINS)
     for member, name in (
@@ -111,7 +118,9 @@ def _servo_defaults(spec: LibrarySpec) -> str:
         ("delay", "delay"),
     ):
         lines += f"    servo.{member} = {literal(getattr(servo, name), spec.precision)};\n"
-    return f"{spec.name}_servo {spec.name}_servo_defaults(void)\n{{\n{lines}    return servo;\n}}\n\n"
+    return (
+        f"{spec.name}_servo {spec.name}_servo_defaults(void)\n{{\n{lines}    return servo;\n}}\n\n"
+    )
 
 
 def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
@@ -153,7 +162,9 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 
 def _break_lines(text: str) -> str:
     """A long line of a macro, in several lines."""
-    lines = textwrap.wrap(text.replace(", ", ",\0"), 112, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(
+        text.replace(", ", ",\0"), 112, break_long_words=False, break_on_hyphens=False
+    )
     return " \\\n".join(f"    {line}" for line in lines).replace("\0", " ")
 
 

@@ -7,7 +7,15 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from flexgen.codegen.c_text import batch_prototype, comment, macro, number_names, port_table, prototype, size_macro
+from flexgen.codegen.c_text import (
+    batch_prototype,
+    comment,
+    macro,
+    number_names,
+    port_table,
+    prototype,
+    size_macro,
+)
 from flexgen.codegen.clib_types import Status
 from flexgen.codegen.interface import STATUSES
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
@@ -60,7 +68,8 @@ def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     guard, api = macro(spec, "H"), macro(spec, "API")
     listed = "".join(comment(line) for line in _manual(spec, _list_calls(spec, written.values())))
     sizes = "".join(
-        f"#define {size_macro(spec, name)} {size} /* {SIZES.get(name, name)} */\n" for name, size in spec.sizes.items()
+        f"#define {size_macro(spec, name)} {size} /* {SIZES.get(name, name)} */\n"
+        for name, size in spec.sizes.items()
     )
     statuses = ",\n".join(_status(spec, status) for status in STATUSES)
     functions = "\n".join(_function(spec, f, written[f.name]) for f in spec.functions)
@@ -175,9 +184,17 @@ def _constants(spec: LibrarySpec) -> str:
     nm, ng, na = (size_macro(spec, size) for size in ("n_m", "n_g", "n_a"))
     c = spec.constants
     arrays = [
-        ("gear ratios: q_m = gear_ratio q_g without deflection", f"gear_ratio[{nm}][{ng}]", c.gear_ratio),
+        (
+            "gear ratios: q_m = gear_ratio q_g without deflection",
+            f"gear_ratio[{nm}][{ng}]",
+            c.gear_ratio,
+        ),
         ("[kg m^2] motor side", f"rotor_inertia[{nm}]", c.rotor_inertia),
-        ("[N m/rad, N/m] arm side, at zero deflection; 0: rigid gear", f"gear_stiffness[{ng}]", c.gear_stiffness),
+        (
+            "[N m/rad, N/m] arm side, at zero deflection; 0: rigid gear",
+            f"gear_stiffness[{ng}]",
+            c.gear_stiffness,
+        ),
         ("home pose of the arm", f"home_q_a[{na}]", spec.home["q_a"]),
         ("home pose of the motors", f"home_q_m[{nm}]", spec.home["q_m"]),
     ]
@@ -190,7 +207,10 @@ def _constants(spec: LibrarySpec) -> str:
 
 def _initializer(values: Sequence[Any], precision: str) -> str:
     """A C initializer of a vector or of a matrix, row by row."""
-    inner = (_initializer(x, precision) if isinstance(x, Sequence) else literal(float(x), precision) for x in values)
+    inner = (
+        _initializer(x, precision) if isinstance(x, Sequence) else literal(float(x), precision)
+        for x in values
+    )
     return f"{{{', '.join(inner)}}}"
 
 
@@ -198,7 +218,10 @@ def _break_lines(start: str, values: str) -> list[str]:
     """Lines of a declaration; where they are long they break after a comma."""
     if len(start) + len(values) < 116:
         return [f"{start}{values};"]
-    return [start.rstrip(), *textwrap.wrap(f"{values};", 112, initial_indent="    ", subsequent_indent="    ")]
+    return [
+        start.rstrip(),
+        *textwrap.wrap(f"{values};", 112, initial_indent="    ", subsequent_indent="    "),
+    ]
 
 
 def _status(spec: LibrarySpec, status: Status) -> str:
@@ -229,7 +252,11 @@ def _list_calls(spec: LibrarySpec, written: Iterable[FunctionText]) -> str:
     """What the library calls of others."""
     used = sorted(_LIBM & {name for one in written for name in re.findall(r"F\((\w+)\)", one.text)})
     names = ", ".join(f"{name}f" if spec.precision == "single" else name for name in used)
-    return f"of the mathematics library the functions call {names}" if names else "no other library is called"
+    return (
+        f"of the mathematics library the functions call {names}"
+        if names
+        else "no other library is called"
+    )
 
 
 def _manual(spec: LibrarySpec, called: str) -> list[str]:
@@ -264,7 +291,9 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         "J_m, motor side:",
         *(
             f"  {motor}: eta {', '.join(f'{ratio!r} ({name})' for name, ratio in gears)}; J_m {inertia!r} kg m^2"
-            for motor, gears, inertia in zip(spec.motors, spec.gears, spec.rotor_inertias, strict=True)
+            for motor, gears, inertia in zip(
+                spec.motors, spec.gears, spec.rotor_inertias, strict=True
+            )
         ),
         "",
         *accuracy,
@@ -276,8 +305,16 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         f"{'1e6' if spec.precision == 'double' else '1e4'} rad.",
         "",
         f"{name}_batch.h has the same functions for many points"
-        + (f", {name}_inversion.h inverse dynamics along whole paths and streams" if spec.inverts else "")
-        + (f", {name}_inverse_kinematics.h the joints at a pose" if spec.declared_in("inverse_kinematics") else "")
+        + (
+            f", {name}_inversion.h inverse dynamics along whole paths and streams"
+            if spec.inverts
+            else ""
+        )
+        + (
+            f", {name}_inverse_kinematics.h the joints at a pose"
+            if spec.declared_in("inverse_kinematics")
+            else ""
+        )
         + ".",
         "",
         "No function allocates, prints or keeps data: all may be called from several threads, each with its own "

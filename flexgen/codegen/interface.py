@@ -12,18 +12,22 @@ from flexgen.codegen.clib_types import Enum, Field, Limit, Status, Struct
 from flexgen.runtime.identity import ABI_VERSION as ABI_VERSION
 from flexgen.runtime.identity import TOLERANCES
 
-INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
+# of a stream: intervals of its horizon, samples per interval
+INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000
 DELAY_MAX = 4  # of the drive, in samples
 DERIVATIVES = "derivatives"
 FORCE = "force"
 POSITION = "position"
 BOUNDS = "limits"  # all limits in a stream
-PARTS = ("bvp", DERIVATIVES, FORCE, BOUNDS, POSITION)  # optional: a solver, products, process forces, limits, positions
+# optional: a solver, products, process forces, limits, positions
+PARTS = ("bvp", DERIVATIVES, FORCE, BOUNDS, POSITION)
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 LIMITS = (
     Limit("STREAM_INTERVALS_MAX", INTERVALS_MAX, "intervals of a horizon, at most"),
     Limit("STREAM_SAMPLES_MAX", SAMPLES_MAX, "samples per interval, at most"),
-    Limit("STREAM_MORE_SAMPLES", START_SAMPLES, "that stream_start_moving takes beyond the intervals"),
+    Limit(
+        "STREAM_MORE_SAMPLES", START_SAMPLES, "that stream_start_moving takes beyond the intervals"
+    ),
     Limit("HOLD_DELAY_MAX", DELAY_MAX, "delay of a hold in samples, at most"),
 )
 ENUMS = (
@@ -44,7 +48,10 @@ ENUMS = (
         (
             ("hold", "stays at a position until the next one"),
             ("linear", "follows a straight line to the next one"),
-            ("cubic", "follows polynomials; the speed at a position is that of the line between its neighbors"),
+            (
+                "cubic",
+                "follows polynomials; the speed at a position is that of the line between its neighbors",
+            ),
         ),
     ),
     Enum(
@@ -70,7 +77,9 @@ STATUSES = (
         "a result is not finite: the system of equations is singular, or a number overflows",
         "SolverError",
     ),
-    Status("BAD_COUNT", -4, "the number of points is negative, or above the stride", "ArgumentError"),
+    Status(
+        "BAD_COUNT", -4, "the number of points is negative, or above the stride", "ArgumentError"
+    ),
     Status(
         "BAD_ARGUMENT",
         -5,
@@ -136,13 +145,26 @@ _TOLERANCE = (
     "what flexgen solve uses (single precision: 1e-3)"
 )
 _HOLD = (
-    Field("hold", "hold", (), "", "what the drive does between two samples of tau_m", "HOLD_SPLINE"),
     Field(
-        "delay", "real", (), "1", f"from a sample until the motor has its torque, in samples, 0 to {DELAY_MAX}", "0.0"
+        "hold", "hold", (), "", "what the drive does between two samples of tau_m", "HOLD_SPLINE"
+    ),
+    Field(
+        "delay",
+        "real",
+        (),
+        "1",
+        f"from a sample until the motor has its torque, in samples, 0 to {DELAY_MAX}",
+        "0.0",
     ),
 )
 _FOUND = (
-    Field("residual", "real", (), "1", "residual of the unactuated rows on the mesh, relative as the tolerance"),
+    Field(
+        "residual",
+        "real",
+        (),
+        "1",
+        "residual of the unactuated rows on the mesh, relative as the tolerance",
+    ),
     Field("residual_at_samples", "real", (), "1", "the same at the samples of the results"),
     Field(
         "kinematic_mismatch",
@@ -196,7 +218,14 @@ STRUCTS: tuple[Struct, ...] = (
         "inversion_options",
         "Options of a whole path; inversion_defaults gives their defaults.",
         (
-            Field("n_pre", "int", (), "1", "samples before the path, for the motion that unstable zeros require", "0"),
+            Field(
+                "n_pre",
+                "int",
+                (),
+                "1",
+                "samples before the path, for the motion that unstable zeros require",
+                "0",
+            ),
             Field(
                 "n_post",
                 "int",
@@ -235,7 +264,9 @@ STRUCTS: tuple[Struct, ...] = (
         (
             Field("q_a", "real *", ("N", "n_a"), "mixed", "arm coordinates"),
             Field("v_a", "real *", ("N", "n_a"), "mixed", "arm velocities"),
-            Field("a_a", "real *", ("N", "n_a"), "mixed", "arm accelerations; not written by a stream"),
+            Field(
+                "a_a", "real *", ("N", "n_a"), "mixed", "arm accelerations; not written by a stream"
+            ),
             Field("tau_g", "real *", ("N", "n_g"), "mixed", "gear torques, arm side"),
             Field("q_m", "real *", ("N", "n_m"), "rad", "motor angles"),
             Field("v_m", "real *", ("N", "n_m"), "rad/s", "motor speeds"),
@@ -247,19 +278,37 @@ STRUCTS: tuple[Struct, ...] = (
         "Problems of invert_many, one behind the other in its arrays.",
         (
             Field("count", "int", (), "1", "number of problems"),
-            Field("own_path", "int", (), "1", "1: each has its own y, dy and ddy; 0: all have those of one path"),
-            Field("own_parameters", "int", (), "1", "1: each has its own run-time parameters; 0: all have the same"),
-            Field("own_q_start", "int", (), "1", "1: each has its own q_start; 0: all have the same"),
+            Field(
+                "own_path",
+                "int",
+                (),
+                "1",
+                "1: each has its own y, dy and ddy; 0: all have those of one path",
+            ),
+            Field(
+                "own_parameters",
+                "int",
+                (),
+                "1",
+                "1: each has its own run-time parameters; 0: all have the same",
+            ),
+            Field(
+                "own_q_start", "int", (), "1", "1: each has its own q_start; 0: all have the same"
+            ),
         ),
     ),
-    Struct("invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED, _GROWTH, _TORQUE_ERROR)),
+    Struct(
+        "invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED, _GROWTH, _TORQUE_ERROR)
+    ),
     Struct(
         "bvp_info",
         "What bvp reports.",
         (
             *_FOUND,
             *_COUNTS,
-            Field("unstable_zeros_start", "int", (), "1", "unstable zeros at the start of the path"),
+            Field(
+                "unstable_zeros_start", "int", (), "1", "unstable zeros at the start of the path"
+            ),
             Field("unstable_zeros_end", "int", (), "1", "unstable zeros at its end"),
         ),
     ),
@@ -270,18 +319,68 @@ STRUCTS: tuple[Struct, ...] = (
             Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
             Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),
             Field(
-                "deflection_max", "const real *", ("n_e",), "mixed", "largest deflections of the unactuated coordinates"
+                "deflection_max",
+                "const real *",
+                ("n_e",),
+                "mixed",
+                "largest deflections of the unactuated coordinates",
             ),
             Field(
-                "knot_samples", "int", (), "1", "samples between two knots of the deviation; 0: a thirtieth of the path"
+                "knot_samples",
+                "int",
+                (),
+                "1",
+                "samples between two knots of the deviation; 0: a thirtieth of the path",
             ),
-            Field("deviation", "real *", ("n", "n_y"), "mixed", "result: deviation from the path; not written if null"),
-            Field("gear_torque_max", "const real *", ("n_g",), "mixed", "largest torques of the gears, arm side"),
-            Field("torque_rate_max", "const real *", ("n_m",), "N m/s", "largest rates of motor torques, from samples"),
-            Field("joint_speed_max", "const real *", ("n_g",), "mixed", "largest speeds of the actuated joints"),
-            Field("joint_acceleration_max", "const real *", ("n_g",), "mixed", "largest accelerations of these joints"),
-            Field("tool_speed_max", "real", (), "m/s", "of a path of the tool: its largest speed; 0: no limit"),
-            Field("tool_acceleration_max", "real", (), "m/s^2", "its largest acceleration; 0: no limit"),
+            Field(
+                "deviation",
+                "real *",
+                ("n", "n_y"),
+                "mixed",
+                "result: deviation from the path; not written if null",
+            ),
+            Field(
+                "gear_torque_max",
+                "const real *",
+                ("n_g",),
+                "mixed",
+                "largest torques of the gears, arm side",
+            ),
+            Field(
+                "torque_rate_max",
+                "const real *",
+                ("n_m",),
+                "N m/s",
+                "largest rates of motor torques, from samples",
+            ),
+            Field(
+                "joint_speed_max",
+                "const real *",
+                ("n_g",),
+                "mixed",
+                "largest speeds of the actuated joints",
+            ),
+            Field(
+                "joint_acceleration_max",
+                "const real *",
+                ("n_g",),
+                "mixed",
+                "largest accelerations of these joints",
+            ),
+            Field(
+                "tool_speed_max",
+                "real",
+                (),
+                "m/s",
+                "of a path of the tool: its largest speed; 0: no limit",
+            ),
+            Field(
+                "tool_acceleration_max",
+                "real",
+                (),
+                "m/s^2",
+                "its largest acceleration; 0: no limit",
+            ),
             Field(
                 "torque_speed",
                 "const real *",
@@ -290,7 +389,13 @@ STRUCTS: tuple[Struct, ...] = (
                 "points (speed, torque) of the largest motor torques over the speed: a convex region, from speed 0 on, "
                 "the last point repeated where a motor has fewer",
             ),
-            Field("torque_speed_points", "int", (), "1", "points of each motor, at least 2; ignored without a curve"),
+            Field(
+                "torque_speed_points",
+                "int",
+                (),
+                "1",
+                "points of each motor, at least 2; ignored without a curve",
+            ),
         ),
     ),
     Struct(
@@ -319,7 +424,14 @@ STRUCTS: tuple[Struct, ...] = (
         "stream_options",
         "Options of a stream; stream_defaults gives those that are recommended for the model.",
         (
-            Field("intervals", "int", (), "1", f"intervals of the horizon, 1 to {INTERVALS_MAX}", "STREAM_INTERVALS"),
+            Field(
+                "intervals",
+                "int",
+                (),
+                "1",
+                f"intervals of the horizon, 1 to {INTERVALS_MAX}",
+                "STREAM_INTERVALS",
+            ),
             Field(
                 "samples_per_interval",
                 "int",
@@ -328,7 +440,14 @@ STRUCTS: tuple[Struct, ...] = (
                 f"samples of the results per update, 1 to {SAMPLES_MAX}",
                 "STREAM_SAMPLES_PER_INTERVAL",
             ),
-            Field("period", "real", (), "s", "time between two updates: the length of an interval", "STREAM_PERIOD"),
+            Field(
+                "period",
+                "real",
+                (),
+                "s",
+                "time between two updates: the length of an interval",
+                "STREAM_PERIOD",
+            ),
             Field("tolerance", "real", (), "1", _TOLERANCE, "tolerance"),
             *_HOLD,
         ),
@@ -337,8 +456,20 @@ STRUCTS: tuple[Struct, ...] = (
         "stream_info",
         "What stream_update reports.",
         (
-            Field("residual", "real", (), "1", "residual of the unactuated rows, relative as the tolerance"),
-            Field("kinematic_mismatch", "real", (), "1", "as in invert_info, limit 0.02 (single precision: 0.25)"),
+            Field(
+                "residual",
+                "real",
+                (),
+                "1",
+                "residual of the unactuated rows, relative as the tolerance",
+            ),
+            Field(
+                "kinematic_mismatch",
+                "real",
+                (),
+                "1",
+                "as in invert_info, limit 0.02 (single precision: 0.25)",
+            ),
             Field(
                 "torque_step",
                 "real",
@@ -356,10 +487,18 @@ STRUCTS: tuple[Struct, ...] = (
                 "the error where it is long enough: mesh, samples and hold are not in it, only a simulation has them",
             ),
             Field("output_step_rad", "real", (), "rad", "the same of angles"),
-            Field("deviation_m", "real", (), "m", "distance of the modified path from the given one"),
+            Field(
+                "deviation_m", "real", (), "m", "distance of the modified path from the given one"
+            ),
             Field("deviation_rad", "real", (), "rad", "angle between both"),
             Field("cause", "cause", (), "", "of TOLERANCE_NOT_MET"),
-            Field("limits_active", "int", (), "1", "1 where limits modify the path or are exceeded, else 0"),
+            Field(
+                "limits_active",
+                "int",
+                (),
+                "1",
+                "1 where limits modify the path or are exceeded, else 0",
+            ),
         ),
     ),
 )
@@ -392,17 +531,39 @@ _SERVO = Struct(
         Field("position_gain", "const real *", ("n_m",), "1/s", "k_p, positive"),
         Field("speed_gain", "const real *", ("n_m",), "N m s/rad", "k_v, positive"),
         Field("integral_gain", "const real *", ("n_m",), "1/s", "k_i, at least 0"),
-        Field("speed_feedforward", "real", (), "1", "f, part of the speed of the reference, 0 to 2"),
-        Field("reference_filter", "real", (), "s", "T, time constant of the filter of the reference; 0: none"),
-        Field("sample_time", "real", (), "s", "h, of the samples of the results; filters need that of the model file"),
-        Field("delay", "real", (), "s", "from its sample to the torque; the option delay is delay / h"),
+        Field(
+            "speed_feedforward", "real", (), "1", "f, part of the speed of the reference, 0 to 2"
+        ),
+        Field(
+            "reference_filter",
+            "real",
+            (),
+            "s",
+            "T, time constant of the filter of the reference; 0: none",
+        ),
+        Field(
+            "sample_time",
+            "real",
+            (),
+            "s",
+            "h, of the samples of the results; filters need that of the model file",
+        ),
+        Field(
+            "delay", "real", (), "s", "from its sample to the torque; the option delay is delay / h"
+        ),
     ),
 )
 _INTERFACE = Struct(
     "robot_interface",
     "The interface of a robot that takes positions.",
     (
-        Field("samples_per_position", "int", (), "1", "samples of the servo from one position to the next"),
+        Field(
+            "samples_per_position",
+            "int",
+            (),
+            "1",
+            "samples of the servo from one position to the next",
+        ),
         Field("interpolation", "interpolation", (), "", "of the robot between two positions"),
     ),
 )
@@ -415,8 +576,20 @@ _OF_SERVO = Field(
     "0",
 )
 _COMMANDS = (
-    Field("command_m", "real *", ("N", "n_m"), "rad", "positions to send, motor side: the reference of the servo"),
-    Field("command_g", "real *", ("N", "n_g"), "mixed", "the same of the joints, as rigid gears would turn them"),
+    Field(
+        "command_m",
+        "real *",
+        ("N", "n_m"),
+        "rad",
+        "positions to send, motor side: the reference of the servo",
+    ),
+    Field(
+        "command_g",
+        "real *",
+        ("N", "n_g"),
+        "mixed",
+        "the same of the joints, as rigid gears would turn them",
+    ),
 )
 
 
@@ -426,7 +599,8 @@ def structs_with(force: bool, position: bool) -> tuple[Struct, ...]:
     more |= {"inversion_options": (_OF_SERVO,), "motion": _COMMANDS} if position else {}
     more |= {"stream_options": (*(_HELD_FORCE,) * force, *(_OF_SERVO,) * position)}
     return tuple(
-        replace(s, fields=(*s.fields, *more.get(s.name, ()))) for s in (*(_SERVO, _INTERFACE) * position, *STRUCTS)
+        replace(s, fields=(*s.fields, *more.get(s.name, ())))
+        for s in (*(_SERVO, _INTERFACE) * position, *STRUCTS)
     )
 
 

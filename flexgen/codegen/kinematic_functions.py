@@ -59,9 +59,27 @@ KINEMATIC_FUNCTIONS = (
                 "",
                 "indices of the free coordinates in q_a; may be null for an arm with six motors",
             ),
-            Field("starts", "int", (), "1", f"starts at most, 1 to {STARTS_MAX}; for all configurations {STARTS}"),
-            Field("most", "int", (), "1", f"configurations to be written at most, 1 to {CONFIGURATIONS_MAX}"),
-            Field("q", "real *", ("most", "n_a"), "mixed", "arm coordinates of the configurations, the nearest first"),
+            Field(
+                "starts",
+                "int",
+                (),
+                "1",
+                f"starts at most, 1 to {STARTS_MAX}; for all configurations {STARTS}",
+            ),
+            Field(
+                "most",
+                "int",
+                (),
+                "1",
+                f"configurations to be written at most, 1 to {CONFIGURATIONS_MAX}",
+            ),
+            Field(
+                "q",
+                "real *",
+                ("most", "n_a"),
+                "mixed",
+                "arm coordinates of the configurations, the nearest first",
+            ),
             Field("count", "int *", ("1",), "1", "configurations found; min(count, most) are in q"),
             Field("work", "real *", ("work_size",), "", "workspace"),
             Field("work_size", "int64_t", (), "1", "its length, at least inverse_kinematics_work"),
@@ -95,7 +113,9 @@ class KinematicConstants:
     around: tuple[bool, ...]
 
 
-def kinematic_functions(model: RobotModel, functions: Sequence[str], precision: str) -> tuple[CFunction, ...]:
+def kinematic_functions(
+    model: RobotModel, functions: Sequence[str], precision: str
+) -> tuple[CFunction, ...]:
     """The functions of a library with these functions of one point; none for an arm with fewer than six motors."""
     fits = model.n_g >= FREE and set(USED) <= set(functions) and precision == "double"
     return KINEMATIC_FUNCTIONS if fits else ()

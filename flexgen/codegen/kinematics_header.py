@@ -50,7 +50,10 @@ extern "C" {{
 def kinematics_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of inverse kinematics, by name; none where the library has none."""
     files = sorted({function.file for function in spec.declared_in(HEADER)})
-    out = {f"{spec.name}_{file}": render(read_clib()[file], spec.name, spec.precision) for file in files}
+    out = {
+        f"{spec.name}_{file}": render(read_clib()[file], spec.name, spec.precision)
+        for file in files
+    }
     return {f"{spec.name}_kinematic_constants.h": _constants(spec, written), **out} if out else {}
 
 

@@ -31,7 +31,13 @@ LIMITED_FUNCTIONS = (
         "them a little. The call inverts the path some hundred times.",
         (
             Field("samples", "const samples *", (), "", "samples of the output"),
-            Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium at the first sample"),
+            Field(
+                "q_start",
+                "const real *",
+                ("n_a",),
+                "mixed",
+                "initial guess of the equilibrium at the first sample",
+            ),
             _OPTIONS,
             _LIMITS,
             Field("motion", "motion *", (), "", "results; N = n_pre + n + n_post"),

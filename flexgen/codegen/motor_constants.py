@@ -96,11 +96,16 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
     law = motor_bristles(model)
     numbers = (law.coulomb, law.static, law.stribeck_speed, law.stiffness, law.damping)
     names = ("coulomb", "static", "speed", "stiffness", "damping")
-    return {name: tuple(float(x) for x in values) for name, values in zip(names, numbers, strict=True)}
+    return {
+        name: tuple(float(x) for x in values) for name, values in zip(names, numbers, strict=True)
+    }
 
 
 def motor_constants(
-    model: RobotModel, position: bool = False, equations: Any = None, parameters: Sequence[Parameter] = ()
+    model: RobotModel,
+    position: bool = False,
+    equations: Any = None,
+    parameters: Sequence[Parameter] = (),
 ) -> MotorConstants:
     """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse.
 
@@ -116,7 +121,8 @@ def motor_constants(
 
     made, layers = gears(model), gear_layers(model)
     laws = sorted(
-        {layer.laws[k] for layer in layers for k in layer.curved}, key=lambda law: (type(law).__name__, astuple(law))
+        {layer.laws[k] for layer in layers for k in layer.curved},
+        key=lambda law: (type(law).__name__, astuple(law)),
     )
     numbers = {law: k for k, law in enumerate(laws)}
     return MotorConstants(
@@ -125,18 +131,26 @@ def motor_constants(
         eta=rows(model.eta),
         eta_inverse=rows(np.linalg.inv(model.eta)),
         rotor_inertia=tuple(float(motor.inertia) for motor in model.motors),
-        gear_damping=tuple(0.0 if gear.rigid else float(ratio**2 * gear.damping) for gear, ratio in made),
+        gear_damping=tuple(
+            0.0 if gear.rigid else float(ratio**2 * gear.damping) for gear, ratio in made
+        ),
         damping_factor=tuple(0.0 if gear.rigid else float(ratio**2) for gear, ratio in made),
         gears=tuple(model.coordinates[i].name for i in model.i_g),
         gear_is_rigid=tuple(gear.rigid for gear, _ in made),
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
         hysteresis_stiffness=rows([layer.stiffness for layer in layers]),
         hysteresis_slip=rows([layer.slip for layer in layers]),
-        hysteresis_curve=tuple(tuple(numbers.get(law, -1) for law in layer.laws) for layer in layers),
+        hysteresis_curve=tuple(
+            tuple(numbers.get(law, -1) for law in layer.laws) for layer in layers
+        ),
         hysteresis_bend=rows([layer.bend for layer in layers]),
-        curves=tuple((part, rows(table)) for part, table in (curve_of(law).table() for law in laws)),
+        curves=tuple(
+            (part, rows(table)) for part, table in (curve_of(law).table() for law in laws)
+        ),
         lugre=_lugre(model),
-        highest_harmonic=max((k for one in harmonic_sums(model).values() for k in one.harmonics), default=0),
+        highest_harmonic=max(
+            (k for one in harmonic_sums(model).values() for k in one.harmonics), default=0
+        ),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",

@@ -40,10 +40,14 @@ def path_header(model: RobotModel, name: str, table: np.ndarray, duration: float
     guard, size = f"{array}_H".upper(), f"{array}_SIZE".upper()
     numbers = [literal(float(x), "double") for x in table]
     rows = [", ".join(numbers[k : k + PER_LINE]) for k in range(0, len(numbers), PER_LINE)]
-    head = comment(f"{library}: the path {name}, {duration:.6g} s, for {library}_path_sample. Written by flexgen.")
+    head = comment(
+        f"{library}: the path {name}, {duration:.6g} s, for {library}_path_sample. Written by flexgen."
+    )
     return (
         f"/*\n{head} */\n#ifndef {guard}\n#define {guard}\n\n"
         f'#include "{library}.h"\n\n'
         f"#define {size} {len(numbers)} /* numbers of the table */\n\n"
-        f"static const {library}_real {array}[{size}] = {{\n    " + ",\n    ".join(rows) + "};\n\n#endif\n"
+        f"static const {library}_real {array}[{size}] = {{\n    "
+        + ",\n    ".join(rows)
+        + "};\n\n#endif\n"
     )

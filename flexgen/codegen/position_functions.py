@@ -41,7 +41,13 @@ POSITION_FUNCTIONS = (
         "stream take the samples around the position to send: with 8 positions on either side the one in the middle is "
         "that of all samples up to 1e-9 rad where the robot follows lines, 1e-7 rad with polynomials.",
         (
-            Field("command_g", "const real *", ("n", "n_g"), "mixed", "of invert or a stream, sample after sample"),
+            Field(
+                "command_g",
+                "const real *",
+                ("n", "n_g"),
+                "mixed",
+                "of invert or a stream, sample after sample",
+            ),
             _COUNT,
             _INTERFACE,
             Field("positions", "real *", ("m", "n_g"), "mixed", "results, position after position"),

@@ -31,16 +31,26 @@ def mathematics_of(equations: Any, name: str) -> ca.Function:
 
 def needs_parameters(program: Routine) -> bool:
     """True where a step depends on the run-time parameters."""
-    return any(PARAMETERS in step.function.name_in() for step in program.steps if isinstance(step, Expressions))
+    return any(
+        PARAMETERS in step.function.name_in()
+        for step in program.steps
+        if isinstance(step, Expressions)
+    )
 
 
 def is_massless(equations: Any, parameters: Sequence[Parameter]) -> bool:
     """`lacks_inertia` of a model that can be inverted, with the run-time parameters of the model file."""
-    jacobians, constraint = (mathematics_of(equations, name) for name in ("inversion_jacobians", "output_constraint"))
-    return lacks_inertia(equations.model, jacobians, constraint, {PARAMETERS: [p.value for p in parameters]})
+    jacobians, constraint = (
+        mathematics_of(equations, name) for name in ("inversion_jacobians", "output_constraint")
+    )
+    return lacks_inertia(
+        equations.model, jacobians, constraint, {PARAMETERS: [p.value for p in parameters]}
+    )
 
 
-def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Routine:
+def program_of(
+    name: str, equations: Any, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+) -> Routine:
     """The program of a function of the library; BuildError where it does not have the ports described."""
     if name == "linearize":
         return _linearize(equations)
@@ -49,15 +59,27 @@ def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tup
     if name == "inverse_dynamics_derivatives":
         chain = long_chain(equations)
         if chain is not None:
-            return Routine(tuple(columns.derivatives(chain, ("dtau_dq", 0), ("dtau_dv", 0), "dtau_da")))
+            return Routine(
+                tuple(columns.derivatives(chain, ("dtau_dq", 0), ("dtau_dv", 0), "dtau_da"))
+            )
     if name == "mass_matrix":
         steps = shorter_mass_matrix(equations, "M")
         if steps is not None:
             return Routine(tuple(steps))
-    function = _pack_mass_matrix(equations) if name == "mass_matrix_packed" else mathematics_of(equations, name)
+    function = (
+        _pack_mass_matrix(equations)
+        if name == "mass_matrix_packed"
+        else mathematics_of(equations, name)
+    )
     if PARAMETERS in function.name_in():
         inputs = (*inputs, parameters_port(equations))
-    return Routine((Expressions(check_ports(name, function, inputs, outputs), pivots="forward_dynamics" in name),))
+    return Routine(
+        (
+            Expressions(
+                check_ports(name, function, inputs, outputs), pivots="forward_dynamics" in name
+            ),
+        )
+    )
 
 
 def _linearize(equations: Any) -> Routine:
@@ -66,7 +88,9 @@ def _linearize(equations: Any) -> Routine:
     n, n_m, n_a = model.dof, model.n_m, model.n_a
     blocks: tuple[Block, ...] = (Block("A", n, 0, 2 * n), Block("B", n, 2 * n, n_m))
     ones = tuple(("A", i, n + i) for i in range(n))
-    chain = long_chain(equations) if fast_function(equations, "forward_dynamics") is not None else None
+    chain = (
+        long_chain(equations) if fast_function(equations, "forward_dynamics") is not None else None
+    )
     if chain is None:
         jacobians = expand("residual_jacobians", mathematics_of(equations, "residual_jacobians"))
         solve = Solve("M_y", "R_y", n, 2 * n + n_m, False, profile(jacobians, "M_y"), blocks, ones)
@@ -94,9 +118,15 @@ def _arm_forward_derivatives(equations: Any) -> Routine:
     """Derivatives of the accelerations of the arm: ``M X = -R_a``."""
     n = equations.model.n_a
     blocks = (Block("da_dq", 0, 0, n), Block("da_dv", 0, n, n), Block("da_dtau", 0, 2 * n, n))
-    chain = long_chain(equations) if fast_function(equations, "arm_forward_dynamics") is not None else None
+    chain = (
+        long_chain(equations)
+        if fast_function(equations, "arm_forward_dynamics") is not None
+        else None
+    )
     if chain is None:
-        jacobians = expand("arm_residual_jacobians", mathematics_of(equations, "arm_residual_jacobians"))
+        jacobians = expand(
+            "arm_residual_jacobians", mathematics_of(equations, "arm_residual_jacobians")
+        )
         solve = Solve("M", "R_a", n, 2 * n, True, profile(jacobians, "M"), blocks)
         forward = expand("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
@@ -124,20 +154,28 @@ def _pack_mass_matrix(equations: Any) -> ca.Function:
 
 def parameters_port(equations: Any) -> Port:
     """The port of the run-time parameters."""
-    return Port(PARAMETERS, (len(equations.parameters),), "mixed", "run-time parameters, listed at the top")
+    return Port(
+        PARAMETERS, (len(equations.parameters),), "mixed", "run-time parameters, listed at the top"
+    )
 
 
-def check_ports(name: str, function: ca.Function, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> ca.Function:
+def check_ports(
+    name: str, function: ca.Function, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+) -> ca.Function:
     """The function as an SX function whose arguments are the ports; BuildError where it is not one."""
     if function.has_free():
-        raise BuildError(f"function {name}: given free variables {function.get_free()}, expected none")
+        raise BuildError(
+            f"function {name}: given free variables {function.get_free()}, expected none"
+        )
     for kind, ports, names, sparsity in (
         ("inputs", inputs, function.name_in(), function.sparsity_in),
         ("outputs", outputs, function.name_out(), function.sparsity_out),
     ):
         expected = [port.name for port in ports]
         if list(names) != expected:
-            raise BuildError(f"function {name}: given {kind} {', '.join(names)}, expected {', '.join(expected)}")
+            raise BuildError(
+                f"function {name}: given {kind} {', '.join(names)}, expected {', '.join(expected)}"
+            )
         for i, port in enumerate(ports):
             shape = port.shape if len(port.shape) == 2 else (port.shape[0], 1)
             given = sparsity(i)

@@ -5,7 +5,13 @@ from __future__ import annotations
 from flexgen.codegen.clib_types import CFunction, Field
 
 _TABLE = (
-    Field("table", "const real *", ("table_size",), "mixed", "of flexgen plan --out, or Path.table() in Python"),
+    Field(
+        "table",
+        "const real *",
+        ("table_size",),
+        "mixed",
+        "of flexgen plan --out, or Path.table() in Python",
+    ),
     Field("table_size", "int64_t", (), "1", "its length"),
 )
 
@@ -18,7 +24,13 @@ SAMPLER_FUNCTIONS = (
         (
             *_TABLE,
             Field("duration", "real *", ("1",), "s", "time from rest to rest"),
-            Field("q_start", "real *", ("n_a",), "mixed", "arm coordinates at the start, without deflections"),
+            Field(
+                "q_start",
+                "real *",
+                ("n_a",),
+                "mixed",
+                "arm coordinates at the start, without deflections",
+            ),
         ),
     ),
     CFunction(
@@ -41,10 +53,18 @@ SAMPLER_FUNCTIONS = (
             *_TABLE,
             Field("t", "real", (), "s", "time since the start of the path"),
             Field(
-                "y", "real *", ("n_t",), "mixed", "output; for a pose the position, then the rotation matrix by columns"
+                "y",
+                "real *",
+                ("n_t",),
+                "mixed",
+                "output; for a pose the position, then the rotation matrix by columns",
             ),
             Field(
-                "dy", "real *", ("n_y",), "mixed", "its first time derivative; for a pose linear and angular velocity"
+                "dy",
+                "real *",
+                ("n_y",),
+                "mixed",
+                "its first time derivative; for a pose linear and angular velocity",
             ),
             Field("ddy", "real *", ("n_y",), "mixed", "its second time derivative"),
             Field("work", "real *", ("work_size",), "", "workspace"),

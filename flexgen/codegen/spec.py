@@ -256,7 +256,9 @@ def library_name(model: RobotModel) -> str:
     return name
 
 
-def choose_functions(names: Sequence[str] | None, model: RobotModel, parts: Sequence[str] = ()) -> tuple[str, ...]:
+def choose_functions(
+    names: Sequence[str] | None, model: RobotModel, parts: Sequence[str] = ()
+) -> tuple[str, ...]:
     """The functions asked for (all that the model has for None), in the order of the table.
 
     Where ``"derivatives"`` is one of the optional parts, also the products with their derivatives.
@@ -273,18 +275,30 @@ def choose_functions(names: Sequence[str] | None, model: RobotModel, parts: Sequ
         if name not in obstacles:
             known = [each for each in (*FUNCTIONS, *OPTIONAL) if not split_product(each)[1]]
             products = ", ".join(pattern for pattern, _ in PRODUCTS)
-            raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(known)}, {products}")
+            raise ArgumentError(
+                f"functions: given {name!r}, expected some of {', '.join(known)}, {products}"
+            )
         reason = obstacles[name]
         if reason is not None:
-            raise ArgumentError(f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}")
+            raise ArgumentError(
+                f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}"
+            )
     if not names:
-        raise ArgumentError("functions: given none, expected at least one name, or None for all of them")
-    return _with_products(names) if DERIVATIVES in parts else tuple(row.name for row in TABLE if row.name in names)
+        raise ArgumentError(
+            "functions: given none, expected at least one name, or None for all of them"
+        )
+    return (
+        _with_products(names)
+        if DERIVATIVES in parts
+        else tuple(row.name for row in TABLE if row.name in names)
+    )
 
 
 def _with_products(names: Sequence[str]) -> tuple[str, ...]:
     """The functions, and the products with derivatives of all that have them; ArgumentError where none has."""
-    products = {f"{name}_{kind}" for name in names if name in DIFFERENTIATED for kind in ("jvp", "vjp")}
+    products = {
+        f"{name}_{kind}" for name in names if name in DIFFERENTIATED for kind in ("jvp", "vjp")
+    }
     if not products:
         raise ArgumentError(
             f"parts: given 'derivatives' with the functions {', '.join(names)}, expected one that is not a derivative "
@@ -326,7 +340,9 @@ def library_spec(
         Where a name is not fit for C, or a function is not the one its ports describe.
     """
     if precision not in PRECISIONS:
-        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
+        raise ArgumentError(
+            f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}"
+        )
     model: RobotModel = equations.model
     names = choose_functions(functions, model)
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
@@ -339,12 +355,16 @@ def library_spec(
             raise BuildError(f"name of a coordinate or motor: given {name!r}, expected {problem}")
     q_a = np.zeros(model.n_a)
     q_a[list(model.i_g)] = model.home
-    c_functions = () if per_point else offered_c_functions(model, names, parameters, precision, parts)
+    c_functions = (
+        () if per_point else offered_c_functions(model, names, parameters, precision, parts)
+    )
     inverts = _inverts(c_functions, parameters)
     half = [*coordinates, *(motors[j] for j in model.i_m)]
     return LibrarySpec(
         name=library_name(model),
-        functions=tuple(_function_spec(row, equations, sizes) for row in TABLE if row.name in names),
+        functions=tuple(
+            _function_spec(row, equations, sizes) for row in TABLE if row.name in names
+        ),
         sizes=sizes,
         coordinates=coordinates,
         coordinate_units=tuple(c.unit for c in model.coordinates),
@@ -353,7 +373,10 @@ def library_spec(
         home={"q_a": (*map(float, q_a),), "q_m": (*map(float, model.eta @ q_a[list(model.i_g)]),)},
         digest=model_digest(model),
         gravity=tuple(float(x) for x in model.gravity),
-        gears=tuple(tuple((j, float(r)) for j, r in zip(m.drives, m.ratio, strict=True)) for m in model.motors),
+        gears=tuple(
+            tuple((j, float(r)) for j, r in zip(m.drives, m.ratio, strict=True))
+            for m in model.motors
+        ),
         rotor_inertias=tuple(float(m.inertia) for m in model.motors),
         accuracy=_accuracy(model),
         precision=precision,
@@ -361,7 +384,9 @@ def library_spec(
         per_point=per_point,
         force=FORCE in parts,
         c_functions=c_functions,
-        motor_constants=motor_constants(model, POSITION in parts, equations, parameters) if inverts else None,
+        motor_constants=motor_constants(model, POSITION in parts, equations, parameters)
+        if inverts
+        else None,
         kinematic_constants=kinematic_constants(model) if model.n_g >= FREE else None,
         constants=_constants(model),
     )
@@ -375,7 +400,8 @@ def _accuracy(model: RobotModel) -> tuple[str, ...]:
     given = model.uncertainty
     if given is None:
         return ()
-    from flexgen.mechanics.parameters import select  # loads CasADi, which a library that exists does not need
+    # loads CasADi, which a library that exists does not need
+    from flexgen.mechanics.parameters import select
 
     lines = [f"{kind} {100 * sd:.3g} %" for kind in KINDS if (sd := getattr(given, kind))]
     lines += [f"{name} {sd:.3g} {unit}" for name, unit in _ADDED if (sd := getattr(given, name))]
@@ -386,10 +412,18 @@ def _accuracy(model: RobotModel) -> tuple[str, ...]:
 
 def _sizes(model: RobotModel, functions: Sequence[str], parameters: int) -> dict[str, int]:
     """The sizes of the library, by name; BuildError for a model without coordinates or motors."""
-    sizes = {"n_a": model.n_a, "n_g": model.n_g, "n_e": model.n_e, "n_m": model.n_m, "n_x": 2 * model.dof}
+    sizes = {
+        "n_a": model.n_a,
+        "n_g": model.n_g,
+        "n_e": model.n_e,
+        "n_m": model.n_m,
+        "n_x": 2 * model.dof,
+    }
     for what in ("n_a", "n_m"):
         if sizes[what] == 0:
-            raise BuildError(f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor")
+            raise BuildError(
+                f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor"
+            )
     if model.inversion_obstacle() is None:
         sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
     if model.sensors:
@@ -427,18 +461,29 @@ def _constants(model: RobotModel) -> Constants:
 def _function_spec(row: Row, equations: Any, sizes: dict[str, int]) -> FunctionSpec:
     """One row of the table with its mathematics, checked against the ports."""
     # here, so that a library that is there already needs no CasADi
-    from flexgen.codegen.routines import PARAMETERS, mathematics_of, needs_parameters, parameters_port, program_of
+    from flexgen.codegen.routines import (
+        PARAMETERS,
+        mathematics_of,
+        needs_parameters,
+        parameters_port,
+        program_of,
+    )
 
     inputs, outputs = (
-        tuple(port(name, equations.model, sizes) for name in names.split()) for names in (row.inputs, row.outputs)
+        tuple(port(name, equations.model, sizes) for name in names.split())
+        for names in (row.inputs, row.outputs)
     )
     # (rows without motor where every coordinate has one)
     inputs, outputs = (tuple(p for p in ports if p.size) for ports in (inputs, outputs))
     if split_product(row.name)[1]:  # products know the parameters that their function has
         known = mathematics_of(equations, row.name)
         more = {PARAMETERS + TANGENT, PARAMETERS + COTANGENT}
-        inputs += tuple(port(name, equations.model, sizes) for name in known.name_in() if name in more)
-        outputs += tuple(port(name, equations.model, sizes) for name in known.name_out() if name in more)
+        inputs += tuple(
+            port(name, equations.model, sizes) for name in known.name_in() if name in more
+        )
+        outputs += tuple(
+            port(name, equations.model, sizes) for name in known.name_out() if name in more
+        )
     extents_of = {p.name: PORTS[p.name][0] for p in (*inputs, *outputs)}
     program = program_of(row.name, equations, inputs, outputs)
     if needs_parameters(program):

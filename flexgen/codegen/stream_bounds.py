@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-BLOCK = {"double": 8, "single": 16}  # reals to which arrays are padded, and points that are evaluated together
+# reals to which arrays are padded, and points that are evaluated together
+BLOCK = {"double": 8, "single": 16}
 STAGES, GROUP, PANEL = 3, 8, 8
 MARGIN, LEVELS, LAST = 3, 3, 5
 BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
@@ -17,11 +18,14 @@ BLOCKS, CHAIN, QP_STEPS, EDGES, SWINGS = 8, 5, 80, 20, 5
 HEAD = 21  # numbers before the arrays
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
-KINEMATIC_PASSES = 28  # evaluations of the output constraint while the kinematics are solved, at most
+# evaluations of the output constraint while the kinematics are solved, at most
+KINEMATIC_PASSES = 28
 INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
-SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
+# evaluations of the gear law for one sample, at most
+SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61
 SERVO = 10  # numbers of a motor of the servo
-BRANCH, BRANCH_PASSES, LOCATIONS = 3, 500, 9 * 60  # of gears with hysteresis: numbers kept; of one sample, at most
+# of gears with hysteresis: numbers kept; of one sample, at most
+BRANCH, BRANCH_PASSES, LOCATIONS = 3, 500, 9 * 60
 PIECES, PARTS = 4, 64  # of a friction with a state: steps in one sample, at most
 
 
@@ -46,7 +50,9 @@ class Linear:
 
     def at(self, intervals: int, samples_per_interval: int) -> int:
         """The value."""
-        return self.constant + self.per_interval * intervals + self.per_sample * samples_per_interval
+        return (
+            self.constant + self.per_interval * intervals + self.per_sample * samples_per_interval
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,9 @@ class Contents:
 
 
 def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
-    n_a, n_g, n_e, n_m, n_y, n_t = (sizes[key] for key in ("n_a", "n_g", "n_e", "n_m", "n_y", "n_t"))
+    n_a, n_g, n_e, n_m, n_y, n_t = (
+        sizes[key] for key in ("n_a", "n_g", "n_e", "n_m", "n_y", "n_t")
+    )
     return n_a, n_g, n_e, n_m, n_y, n_t
 
 
@@ -93,32 +101,47 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int, has: C
 
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
     node += has.bounds * (3 * n_m + n_e)
-    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + (24 + 4 * has.bounds) * rounding, node, 0)
+    limits = Linear(
+        2 + bounded + 2 * inputs * inputs + 3 * inputs + node + (24 + 4 * has.bounds) * rounding,
+        node,
+        0,
+    )
     limits += Linear(has.bounds * 2 * n_m * EDGES + has.harmonics * (SWINGS * n_m + rounding), 0, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
-    total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
+    total = limits + Linear(
+        HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m
+    )
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
     branches = (has.elements > 0) * (BRANCH - 1) + has.elements
     total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + branches * n_g, 0, n_m)
     if has.bristles:  # impulses, speeds and accelerations, of more samples ahead
-        impulses = Linear((2 + AHEAD + 3 * MARGIN) * n_m, 0, n_m) + Linear(2 * (AHEAD + MARGIN + 1) * n_m, 0, 2 * n_m)
+        impulses = Linear((2 + AHEAD + 3 * MARGIN) * n_m, 0, n_m) + Linear(
+            2 * (AHEAD + MARGIN + 1) * n_m, 0, 2 * n_m
+        )
         total += impulses + Linear(MARGIN * (window + n_m) + 2 * rounding, 0, 0)
     if has.position:
         before, more, notches = has.filters
         total += Linear(3 + (SERVO + 4 * notches) * n_m + 2 * rounding, 0, n_m + n_g)
         total += Linear((before + more) * n_m + rounding, 0, n_m).times(any(has.filters))
         total += Linear(more * (window + n_m), 0, 0)
-    total += Linear(n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0)
+    total += Linear(
+        n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0
+    )
     total += Linear(problem + lq * (n_e > 0) + function_work + block + 2 * rounding, 0, 0)
     if n_e:
         total += Linear((PAST + 1) * (states + n_e) + PAST * controls, states + controls + n_e, 0)
-        total += Linear(n_e + LEVELS * LAST * n_e + states * states + states, controls * width + states, 0)
-        total += Linear(block, STAGES * point + states * states + 2 * controls, 0)  # data of the factors
+        total += Linear(
+            n_e + LEVELS * LAST * n_e + states * states + states, controls * width + states, 0
+        )
+        # data of the factors
+        total += Linear(block, STAGES * point + states * states + 2 * controls, 0)
         total += Linear(12 * rounding, 0, 0)
     return total
 
 
-def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], block: int, has: Contents) -> Linear:
+def stream_operations(
+    sizes: Mapping[str, int], operations: Mapping[str, int], block: int, has: Contents
+) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
     ``operations``: of one point of each function that the inversion calls, with `CALL` for every call of the kernel.
@@ -129,16 +152,21 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
     gear, friction = operations["gear_law"] + 16 * n_g, operations.get("motor_friction", 0)
     if "loaded_friction" in operations:
         friction = operations["loaded_friction"] + n_m * (2 * n_g + 1)
-    path = 600 + 40 * (n_t + 2 * n_y)  # one instant of the path, interpolated, its small rotations included
+    # one instant of the path, interpolated, its small rotations included
+    path = 600 + 40 * (n_t + 2 * n_y)
     motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
     if "motor_harmonics" in operations:
         motors += operations["motor_harmonics"] + 12 * n_m
-    spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
+    spring, radau = (
+        SPRING_PASSES * gear,
+        RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g,
+    )
 
     if has.elements:  # of hysteresis; lanes without gear too
         lanes = -(-n_g // block) * block
         radau = (
-            BRANCH_PASSES * (3 * operations["gear_law"] + (3 * has.elements * (CALL + 30) + 110) * lanes)
+            BRANCH_PASSES
+            * (3 * operations["gear_law"] + (3 * has.elements * (CALL + 30) + 110) * lanes)
             + LOCATIONS * 80 * lanes
         )
         if has.curved:  # a piece and its polynomial for each element; the path at each reversal
@@ -149,12 +177,18 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
     # the window of samples around the interval, in groups of points; a guess that fails is made again
     group = 2 * kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)
     window = Linear(group * (2 * BACK + 1 + ahead + block) // block + group, 0, group // block + 1)
-    window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
+    window += Linear(0, 0, 1).times(
+        spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m)
+    )
     window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use
     if has.position:  # of a sample of the servo: its recursion, and the joints
         window += Linear(20 * n_m, 0, 40 * n_m + 2 * n_g * n_m)
-        window += Linear(more * 2 * TAPS * n_m, 0, (2 * TAPS + 3 * (before + more + 1) + 12 * notches) * n_m)
-    window += Linear(2 * BACK + 2 + ahead, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
+        window += Linear(
+            more * 2 * TAPS * n_m, 0, (2 * TAPS + 3 * (before + more + 1) + 12 * notches) * n_m
+        )
+    window += Linear(2 * BACK + 2 + ahead, 0, 0).times(
+        spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m)
+    )
     if has.bristles:  # parts, reversals of the speed, torques of a sample of a motor
         sample = n_m * (PIECES * PARTS * (3 * (CALL + 30) + 130) + 3 * 60 * 12 + 200 + 4 * n_g)
         window += Linear((ahead + 1) * sample, 0, sample)
@@ -166,7 +200,9 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
         total += _lq(n_e, kinematics + reduced, kinematics + rows, block)
         levels = LEVELS * (kinematics + reduced + LAST * (2 * n_e**3 + 40 * n_e * n_e))
         total += Linear(levels + 4 * (2 * n_e) ** 2, 60 * n_e, 0)
-        total += Linear(reduced + 4 * n_e**2 * (n_e + n_y) + 20 * (n_g + n_e) * n_y * (n_e + n_g), 0, 0)
+        total += Linear(
+            reduced + 4 * n_e**2 * (n_e + n_y) + 20 * (n_g + n_e) * n_y * (n_e + n_g), 0, 0
+        )
     return total
 
 
@@ -198,11 +234,17 @@ def _lq(n_e: int, point_group: int, row_group: int, block: int) -> Linear:
     cost = n_e * (STAGES * (controls * 14 + n_e * 16) + 40 * n_e + 60) + 40 * STAGES
     elimination = outer + controls * width * (2 * PANEL + 4)
     step = 2 * controls * (width + 17) + 60 * n_e + 10 * controls
-    gradient = STAGES * n_e * (6 * (n_e + 6) + 40) + 2 * controls * (width + 8) + 60 * n_e + 4 * width
+    gradient = (
+        STAGES * n_e * (6 * (n_e + 6) + 40) + 2 * controls * (width + 8) + 60 * n_e + 4 * width
+    )
     interval = residual_rows + outer + cost + elimination + step + gradient + 4 * states * states
     groups = -(-GROUP * STAGES // block)
     all_points = point_group + row_group
-    return Linear(groups * all_points + 4 * states * states + 400, groups * all_points // GROUP + 1 + interval, 0)
+    return Linear(
+        groups * all_points + 4 * states * states + 400,
+        groups * all_points // GROUP + 1 + interval,
+        0,
+    )
 
 
 def _count_bounded(sizes: Mapping[str, int], bounds: bool) -> int:
@@ -211,15 +253,27 @@ def _count_bounded(sizes: Mapping[str, int], bounds: bool) -> int:
     return 2 * n_m + n_y + bounds * (n_m + 3 * n_g + n_e + 2)
 
 
-def _limits(sizes: Mapping[str, int], group: int, path: int, motors: int, block: int, bounds: bool) -> Linear:
+def _limits(
+    sizes: Mapping[str, int], group: int, path: int, motors: int, block: int, bounds: bool
+) -> Linear:
     """Operations that limits add; ``group``: motion and torques at a block of nodes."""
     n_a, n_g, _, n_m, n_y, _ = _sizes(sizes)
     bounded, n = _count_bounded(sizes, bounds), BLOCKS * n_y
     node = group // block + 1 + motors + 20 * (n_a + bounded) + (1 + STAGES) * (path + 300)
-    node += BLOCKS * CHAIN * 8 * CHAIN + CHAIN * BLOCKS * n_y * (4 + 4 * BLOCKS) + CHAIN * n_y * BLOCKS * 4
+    node += (
+        BLOCKS * CHAIN * 8 * CHAIN
+        + CHAIN * BLOCKS * n_y * (4 + 4 * BLOCKS)
+        + CHAIN * n_y * BLOCKS * 4
+    )
     node += bounded * (n * (10 + 2 + 1 + n) + 40)  # rows of the program, scaled, and their squares
     node += bounded * QP_STEPS * (4 * n + 24)
     node += bounds * (n_m * EDGES * 12 + bounded * n * (40 + 12 * n_y))
-    once = group * (2 + -(-n_g // block)) + motors + 4 * n * n * n + QP_STEPS * (4 * n * n + 8 * n) + 400 * n_y
+    once = (
+        group * (2 + -(-n_g // block))
+        + motors
+        + 4 * n * n * n
+        + QP_STEPS * (4 * n * n + 8 * n)
+        + 400 * n_y
+    )
     once += n_g * n_y * (8 * n_g + 20 * n_m) + path
     return Linear(once + node, node, 8 * n_m)

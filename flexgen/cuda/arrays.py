@@ -88,7 +88,13 @@ class DeviceArray:
     def T(self) -> DeviceArray:  # the name of NumPy
         """The same numbers with the axes in reverse: (N, n) in the order of Fortran is (n, N) in that of C."""
         return DeviceArray(
-            self._card, self._address, self.shape[::-1], self.strides[::-1], self.dtype, self._stream, self._owner
+            self._card,
+            self._address,
+            self.shape[::-1],
+            self.strides[::-1],
+            self.dtype,
+            self._stream,
+            self._owner,
         )
 
     @property
@@ -107,15 +113,24 @@ class DeviceArray:
 
     def __dlpack__(self, *, stream: Any = None, **options: Any) -> Any:
         if options.get("copy"):
-            raise BufferError("given copy=True, expected None or False: copy the array that you take")
+            raise BufferError(
+                "given copy=True, expected None or False: copy the array that you take"
+            )
         if options.get("dl_device") not in (None, self.__dlpack_device__()):
-            raise BufferError(f"given the device {options['dl_device']}, expected {self.__dlpack_device__()}")
+            raise BufferError(
+                f"given the device {options['dl_device']}, expected {self.__dlpack_device__()}"
+            )
         if stream != -1:
             handle = 0 if stream in (None, _LEGACY) else int(stream)
             if handle != self.stream:
                 self._card.wait(handle, self.stream)
         return dlpack.give(
-            self._owner, self._address, self.shape, self.strides, self.dtype.itemsize, self._card.ordinal
+            self._owner,
+            self._address,
+            self.shape,
+            self.strides,
+            self.dtype.itemsize,
+            self._card.ordinal,
         )
 
     def numpy(self) -> np.ndarray:
@@ -164,7 +179,14 @@ class Given:
                     f"{self._where}: given {type(x).__name__}, expected an array with __dlpack__ or "
                     "__cuda_array_interface__, such as those of CuPy, PyTorch and JAX"
                 )
-        except (BufferError, RuntimeError, TypeError, ValueError, KeyError, AttributeError) as error:
+        except (
+            BufferError,
+            RuntimeError,
+            TypeError,
+            ValueError,
+            KeyError,
+            AttributeError,
+        ) as error:
             if isinstance(error, FlexgenError):
                 raise
             raise ArgumentError(
@@ -172,7 +194,9 @@ class Given:
                 "does; for a tensor with gradients: x.detach()"
             ) from error
         if self.strides is not None and len(self.strides) != len(self.shape):
-            raise ArgumentError(f"{self._where}: given strides {self.strides} for shape {self.shape}, expected as many")
+            raise ArgumentError(
+                f"{self._where}: given strides {self.strides} for shape {self.shape}, expected as many"
+            )
 
     def _take_capsule(self, card: Card, x: Any, stream: int) -> None:
         kind, number = (int(part) for part in x.__dlpack_device__())
@@ -182,10 +206,16 @@ class Given:
 
     def _take_interface(self, card: Card, x: Any, stream: int) -> None:
         told = x.__cuda_array_interface__
-        self.address, self.shape, self.strides = int(told["data"][0]), tuple(told["shape"]), told.get("strides")
+        self.address, self.shape, self.strides = (
+            int(told["data"][0]),
+            tuple(told["shape"]),
+            told.get("strides"),
+        )
         self.dtype, other = str(told["typestr"]), told.get("stream")
         if told.get("mask") is not None:
-            raise ArgumentError(f"{self._where}: given an array with masked entries, expected real numbers")
+            raise ArgumentError(
+                f"{self._where}: given an array with masked entries, expected real numbers"
+            )
         if math.prod(self.shape):
             self._refuse_elsewhere(card, card.ordinal_of(self.address))
         if other is not None and (0 if other == _LEGACY else int(other)) != stream:
@@ -222,9 +252,13 @@ class Given:
                 if order == "F"
                 else "rows without gaps: the order of C"
             )
-            raise ArgumentError(f"{self._where}: given strides {given} of bytes, expected {wanted}: {advice}")
+            raise ArgumentError(
+                f"{self._where}: given strides {given} of bytes, expected {wanted}: {advice}"
+            )
         if self.address % real.itemsize:
-            raise ArgumentError(f"{self._where}: given address {self.address:#x}, expected one for {real.name}")
+            raise ArgumentError(
+                f"{self._where}: given address {self.address:#x}, expected one for {real.name}"
+            )
 
 
 def _nothing() -> None:

@@ -23,13 +23,20 @@ def nvrtc() -> Any:
 
         bindings.nvrtcVersion()
     except (ImportError, RuntimeError) as error:
-        raise BuildError(f"device: given 'cuda' without NVRTC ({error}), expected its package; {_INSTALL}") from error
+        raise BuildError(
+            f"device: given 'cuda' without NVRTC ({error}), expected its package; {_INSTALL}"
+        ) from error
     return bindings
 
 
 def options_of(name: str, architecture: str) -> list[str]:
     """The options of the compilation for an architecture such as ``sm_90``."""
-    return [f"--gpu-architecture={architecture}", "-fmad=false", "-default-device", f"-D{name.upper()}_NO_VECTORS"]
+    return [
+        f"--gpu-architecture={architecture}",
+        "-fmad=false",
+        "-default-device",
+        f"-D{name.upper()}_NO_VECTORS",
+    ]
 
 
 def compile_cached(name: str, text: str, headers: Mapping[str, str], architecture: str) -> bytes:
@@ -53,7 +60,9 @@ def compile_text(text: str, headers: Mapping[str, str], options: list[str]) -> t
     """The cubin of a text and the log of NVRTC; BuildError where it refuses the text."""
     bindings = nvrtc()
     names, texts = [x.encode() for x in headers], [x.encode() for x in headers.values()]
-    program = _check(bindings.nvrtcCreateProgram(text.encode(), b"kernel.cu", len(headers), texts, names))
+    program = _check(
+        bindings.nvrtcCreateProgram(text.encode(), b"kernel.cu", len(headers), texts, names)
+    )
     try:
         given = [x.encode() for x in options]
         status, *_ = bindings.nvrtcCompileProgram(program, len(given), given)
@@ -61,7 +70,9 @@ def compile_text(text: str, headers: Mapping[str, str], options: list[str]) -> t
         bindings.nvrtcGetProgramLog(program, log)
         said = log.decode(errors="replace").strip("\0 \n")
         if int(status) != 0:
-            raise BuildError(f"NVRTC: given C that it does not compile for {options[0]}: {said or status.name}")
+            raise BuildError(
+                f"NVRTC: given C that it does not compile for {options[0]}: {said or status.name}"
+            )
         cubin = bytearray(_check(bindings.nvrtcGetCUBINSize(program)))
         _check(bindings.nvrtcGetCUBIN(program, cubin))
         return bytes(cubin), said

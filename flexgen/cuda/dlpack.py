@@ -76,7 +76,8 @@ def take(capsule: Any) -> Imported:
     return Imported((x.data or 0) + x.byte_offset, shape, strides, dtype, release)
 
 
-_exported: dict[int, tuple[Any, ...]] = {}  # what keeps the memory of a capsule, until its user deletes it
+# what keeps the memory of a capsule, until its user deletes it
+_exported: dict[int, tuple[Any, ...]] = {}
 
 
 @_Deleter
@@ -90,7 +91,14 @@ def _destroy(capsule: int) -> None:
         _exported.pop(_raw_pointer(capsule, _NAME), None)
 
 
-def give(owner: Any, address: int, shape: tuple[int, ...], strides: tuple[int, ...], itemsize: int, device: int) -> Any:
+def give(
+    owner: Any,
+    address: int,
+    shape: tuple[int, ...],
+    strides: tuple[int, ...],
+    itemsize: int,
+    device: int,
+) -> Any:
     """A capsule of an array of real numbers, which keeps its owner alive; strides in bytes."""
     dims = ctypes.c_int64 * len(shape)
     extents, steps = dims(*shape), dims(*(step // itemsize for step in strides))

@@ -53,14 +53,23 @@ class Card:
         count = self._call("cuDeviceGetCount")
         if not 0 <= ordinal < count:
             has = "no GPU" if count == 0 else f"GPU 0 to {count - 1}" if count > 1 else "GPU 0 only"
-            raise BuildError(f"device: given 'cuda:{ordinal}' on a computer with {has}, expected one that is there")
+            raise BuildError(
+                f"device: given 'cuda:{ordinal}' on a computer with {has}, expected one that is there"
+            )
         self.ordinal = ordinal
         device = self._call("cuDeviceGet", ordinal)
-        self.name: str = self._call("cuDeviceGetName", 128, device).decode(errors="replace").strip("\0")
-        capability = tuple(self._call("cuDeviceGetAttribute", key, device) for key in self._attributes(_MAJOR, _MINOR))
+        self.name: str = (
+            self._call("cuDeviceGetName", 128, device).decode(errors="replace").strip("\0")
+        )
+        capability = tuple(
+            self._call("cuDeviceGetAttribute", key, device)
+            for key in self._attributes(_MAJOR, _MINOR)
+        )
         if capability < _SMALLEST:
             had = ".".join(map(str, capability))
-            raise BuildError(f"device: given {self.name} of compute capability {had}, expected 7.5 or newer")
+            raise BuildError(
+                f"device: given {self.name} of compute capability {had}, expected 7.5 or newer"
+            )
         self.architecture = f"sm_{capability[0]}{capability[1]}"
         self._context = self._call("cuDevicePrimaryCtxRetain", device)
 
@@ -74,15 +83,21 @@ class Card:
         if int(status) == 0:
             return values[0] if values else None
         _, text = self._api.cuGetErrorString(status)
-        said = f"{getattr(status, 'name', int(status))}: {text.decode() if text else 'unknown error'}"
+        said = (
+            f"{getattr(status, 'name', int(status))}: {text.decode() if text else 'unknown error'}"
+        )
         if int(status) in (_OUT_OF_MEMORY, _LAUNCH_RESOURCES):
             raise SolverError(
                 f"{self._where()}: given more than its memory holds ({function}: {said}), expected a smaller call; "
                 "give fewer points or problems at once, or free memory of other programs on the card"
             )
         if int(status) == _NO_DEVICE:
-            raise BuildError("device: given 'cuda' on a computer without a GPU, expected one; use device='cpu' here")
-        raise BuildError(f"{self._where()}: given an error of the driver ({function}: {said}), expected success")
+            raise BuildError(
+                "device: given 'cuda' on a computer without a GPU, expected one; use device='cpu' here"
+            )
+        raise BuildError(
+            f"{self._where()}: given an error of the driver ({function}: {said}), expected success"
+        )
 
     def _where(self) -> str:
         return f"cuda:{getattr(self, 'ordinal', 0)}"
@@ -108,14 +123,31 @@ class Card:
                 ) from error
             return self._call("cuModuleGetFunction", module, kernel.encode())
 
-    def launch(self, kernel: Any, threads: int, arguments: Sequence[Any], stream: int, block: int = _BLOCK) -> None:
+    def launch(
+        self, kernel: Any, threads: int, arguments: Sequence[Any], stream: int, block: int = _BLOCK
+    ) -> None:
         """Start a kernel with a thread for each of `threads`; the arguments are objects of ctypes, passed by value."""
         blocks = -(-threads // block)
         if blocks > _MOST_BLOCKS:
-            raise ArgumentError(f"{self._where()}: given {threads} points, expected at most {block * _MOST_BLOCKS}")
+            raise ArgumentError(
+                f"{self._where()}: given {threads} points, expected at most {block * _MOST_BLOCKS}"
+            )
         where = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(x) for x in arguments))
         with self._current():
-            self._call("cuLaunchKernel", kernel, blocks, 1, 1, block, 1, 1, 0, stream, ctypes.addressof(where), 0)
+            self._call(
+                "cuLaunchKernel",
+                kernel,
+                blocks,
+                1,
+                1,
+                block,
+                1,
+                1,
+                0,
+                stream,
+                ctypes.addressof(where),
+                0,
+            )
 
     def allocate(self, size: int, stream: int) -> int:
         """Address of new memory, valid for work on the stream from now on; 0 for no bytes."""

@@ -41,14 +41,23 @@ class CudaFunction:
     """
 
     def __init__(
-        self, function: Function, card: Card, real: np.dtype[Any], load: Callable[[str], Any], per_point: bool
+        self,
+        function: Function,
+        card: Card,
+        real: np.dtype[Any],
+        load: Callable[[str], Any],
+        per_point: bool,
     ) -> None:
         self.name, self.summary, self.equation = function.name, function.summary, function.equation
         self.inputs, self.outputs = function.inputs, function.outputs
         self.__name__, self.__doc__ = function.name, function.__doc__
         self._card, self._real, self._load, self._closed_by = card, real, load, ""
         self._shared = "" if per_point else PARAMETERS
-        self._failures, self._parameters, self._lock = function._failures, function._parameters, Lock()
+        self._failures, self._parameters, self._lock = (
+            function._failures,
+            function._parameters,
+            Lock(),
+        )
         self._of_model: DeviceArray | None = None  # the parameters of the model, on the card
 
     def __repr__(self) -> str:
@@ -71,7 +80,9 @@ class CudaFunction:
     def _kernel(self) -> Any:
         return self._load(self.name)
 
-    def __call__(self, *args: Any, out: Any = None, stream: Any = None, check: bool = True, **named: Any) -> Any:
+    def __call__(
+        self, *args: Any, out: Any = None, stream: Any = None, check: bool = True, **named: Any
+    ) -> Any:
         """Evaluate at many points; see the class."""
         if self._closed_by:
             raise closed_error(self._closed_by)
@@ -81,7 +92,9 @@ class CudaFunction:
         default = None if self._parameters is None else self._model_parameters(handle)
         given: list[Given] = []
         try:
-            for port, x in zip(self.inputs, bind(self.name, self.inputs, args, named, default), strict=True):
+            for port, x in zip(
+                self.inputs, bind(self.name, self.inputs, args, named, default), strict=True
+            ):
                 given.append(Given(self._card, self.name, port.name, x, handle))
             points = self._count(given)
             for port, x in zip(self.outputs, self._outs(out), strict=True):
@@ -118,7 +131,9 @@ class CudaFunction:
         arrays = out if isinstance(out, tuple) else (out,)
         if len(arrays) != len(self.outputs):
             names = ", ".join(port.name for port in self.outputs)
-            raise ArgumentError(f"{self.name}, out: given {len(arrays)} arrays, expected one for each of {names}")
+            raise ArgumentError(
+                f"{self.name}, out: given {len(arrays)} arrays, expected one for each of {names}"
+            )
         return arrays
 
     def _count(self, given: Sequence[Given]) -> int:
@@ -135,7 +150,10 @@ class CudaFunction:
     def _refuse_overlap(self, points: int, addresses: Sequence[int]) -> None:
         """Results must not share memory with anything."""
         ports = (*self.inputs, *self.outputs)
-        sizes = [port.size * (1 if port.name == self._shared else points) * self._real.itemsize for port in ports]
+        sizes = [
+            port.size * (1 if port.name == self._shared else points) * self._real.itemsize
+            for port in ports
+        ]
         spans = list(zip(addresses, sizes, strict=True))
         for i in range(len(self.inputs), len(ports)):
             begin, size = spans[i]
@@ -166,7 +184,11 @@ class CudaFunction:
 
 
 def functions_of(
-    functions: Mapping[str, Function], card: Card, real: np.dtype[Any], load: Callable[[str], Any], per_point: bool
+    functions: Mapping[str, Function],
+    card: Card,
+    real: np.dtype[Any],
+    load: Callable[[str], Any],
+    per_point: bool,
 ) -> dict[str, CudaFunction]:
     """All functions of a library on a card; `load` gives the kernel of a function."""
     return {name: CudaFunction(f, card, real, load, per_point) for name, f in functions.items()}

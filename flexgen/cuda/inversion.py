@@ -52,7 +52,9 @@ class CudaManyInverter:
 
     def __repr__(self) -> str:
         known = ", parameters=None" * bool(self._inverter._parameters.size)
-        return f"invert_many(y, dy, ddy, *, period, q_start{known}, outputs=('tau_m',), options=None)"
+        return (
+            f"invert_many(y, dy, ddy, *, period, q_start{known}, outputs=('tau_m',), options=None)"
+        )
 
     def on(self, stream: Any) -> CudaManyInverter:
         """The same on a stream of the caller; default: the default stream."""
@@ -79,17 +81,23 @@ class CudaManyInverter:
         _refuse_options(chosen)
         period = number_of("invert_many, period", "period", period)
         if not 0 < period < 1e6:
-            raise ArgumentError(f"invert_many, period: given {period:g}, expected a number above 0, below 1e6 s")
+            raise ArgumentError(
+                f"invert_many, period: given {period:g}, expected a number above 0, below 1e6 s"
+            )
         if isinstance(outputs, str) or not set(outputs) <= set(RESULTS):
             raise ArgumentError(
                 f"invert_many, outputs: given {show_value(outputs)}, expected some of {', '.join(RESULTS)}"
             )
         many = self._inverter._parameters.size > 0
         if parameters is not None and not many:
-            raise ArgumentError("invert_many, parameters: given to a library without run-time parameters")
+            raise ArgumentError(
+                "invert_many, parameters: given to a library without run-time parameters"
+            )
         if parameters is None and many:
             parameters = self._on_card(self._inverter._parameters, handle)
-        arrays = {"y": y, "dy": dy, "ddy": ddy, "q_start": q_start} | ({"parameters": parameters} if many else {})
+        arrays = {"y": y, "dy": dy, "ddy": ddy, "q_start": q_start} | (
+            {"parameters": parameters} if many else {}
+        )
         given: dict[str, Given] = {}
         try:
             for name, x in arrays.items():
@@ -110,12 +118,21 @@ class CudaManyInverter:
     def _demand(self, given: Mapping[str, Given]) -> tuple[dict[str, int], int]:
         """Which inputs differ from problem to problem, and how many problems there are; refused where they differ."""
         sizes, real = self._inverter._sizes, self._inverter._real
-        widths = {"y": sizes["n_t"], "dy": sizes["n_y"], "ddy": sizes["n_y"], "q_start": sizes["n_a"]}
+        widths = {
+            "y": sizes["n_t"],
+            "dy": sizes["n_y"],
+            "ddy": sizes["n_y"],
+            "q_start": sizes["n_a"],
+        }
         axes = {"y": 2, "dy": 2, "ddy": 2, "q_start": 1, "parameters": 1}
         own, lengths = {}, {}
         for name, x in given.items():
             each = len(x.shape) > axes[name]
-            like = given["y"].shape[:-1] if name in ("dy", "ddy") else ((None,) * each + (None,) * (axes[name] - 1))
+            like = (
+                given["y"].shape[:-1]
+                if name in ("dy", "ddy")
+                else ((None,) * each + (None,) * (axes[name] - 1))
+            )
             x.demand((*like, widths.get(name, self._inverter._parameters.size)), real, "C")
             if each:
                 lengths[name] = x.shape[0]
@@ -128,9 +145,11 @@ class CudaManyInverter:
                 "(problems, n_a)"
             )
         of_path, of_parameters = own["y"], own.get("parameters", 0)
-        return {"own_path": of_path, "own_parameters": of_parameters, "own_q_start": own["q_start"]}, lengths.popitem()[
-            1
-        ]
+        return {
+            "own_path": of_path,
+            "own_parameters": of_parameters,
+            "own_q_start": own["q_start"],
+        }, lengths.popitem()[1]
 
     def _solve(
         self,
@@ -157,16 +176,30 @@ class CudaManyInverter:
             )
         total, widths = n + counts["n_pre"] + counts["n_post"], inverter._widths()
         arrays = {
-            key: DeviceArray.empty(card, (problems, total, widths[key]), inverter._real, stream, "C") for key in kept
+            key: DeviceArray.empty(
+                card, (problems, total, widths[key]), inverter._real, stream, "C"
+            )
+            for key in kept
         }
-        info, status = np.zeros(problems, np.dtype(structs["invert_info"])), np.zeros(problems, np.intc)
-        on_card = [DeviceArray.empty(card, (x.nbytes,), np.dtype(np.uint8), stream) for x in (info, status)]
+        info, status = (
+            np.zeros(problems, np.dtype(structs["invert_info"])),
+            np.zeros(problems, np.intc),
+        )
+        on_card = [
+            DeviceArray.empty(card, (x.nbytes,), np.dtype(np.uint8), stream) for x in (info, status)
+        ]
         if problems:
             where = {name: x.address for name, x in given.items()}
             arguments = [
                 structs["problems"](count=problems, **own),
-                structs["samples"](n=n, period=period, y=where["y"], dy=where["dy"], ddy=where["ddy"]),
-                *(ctypes.c_void_p(where[name]) for name in ("parameters", "q_start") if name in where),
+                structs["samples"](
+                    n=n, period=period, y=where["y"], dy=where["dy"], ddy=where["ddy"]
+                ),
+                *(
+                    ctypes.c_void_p(where[name])
+                    for name in ("parameters", "q_start")
+                    if name in where
+                ),
                 options,
                 structs["motion"](**{key: x._address for key, x in arrays.items()}),
                 *(ctypes.c_void_p(x._address) for x in on_card),

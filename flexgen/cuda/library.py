@@ -35,7 +35,9 @@ class CudaLibrary(Library):
     def __init__(self, library: Library, device: str) -> None:
         named = _DEVICE.match(device)
         if named is None:
-            raise ArgumentError(f"device: given {device!r}, expected 'cpu', 'cuda', or 'cuda:1' for the second card")
+            raise ArgumentError(
+                f"device: given {device!r}, expected 'cpu', 'cuda', or 'cuda:1' for the second card"
+            )
         self.__dict__.update(library.__dict__)
         self.device, self.card = device, Card(int(named[1] or 0))
         self._real = REALS[self.precision]
@@ -43,7 +45,9 @@ class CudaLibrary(Library):
         folder, self._manifest = read_manifest(self.directory)
         self._files = read_files(folder, self._manifest)
         self._headers = headers_of(self._files)
-        on_card: Any = functions_of(library.functions, self.card, self._real, self._load_kernel, self.per_point)
+        on_card: Any = functions_of(
+            library.functions, self.card, self._real, self._load_kernel, self.per_point
+        )
         self.functions = MappingProxyType(on_card)
 
     @property
@@ -60,7 +64,9 @@ class CudaLibrary(Library):
 
     def _load_kernel(self, function: str) -> Any:
         """The kernel of a function, compiled where the cache does not have it."""
-        return self.card.load(self._compile(kernel_text(self._manifest, self._files, function)), f"k_{function}")
+        return self.card.load(
+            self._compile(kernel_text(self._manifest, self._files, function)), f"k_{function}"
+        )
 
     def _compile(self, text: str) -> bytes:
         return compile_cached(self.name, text, self._headers, self.card.architecture)
@@ -72,7 +78,9 @@ class CudaLibrary(Library):
         try:
             values: np.ndarray = np.asarray(x, self._real, order="F" if order == "F" else "C")
         except (TypeError, ValueError) as error:
-            raise ArgumentError(f"array: given {error}, expected real numbers on the CPU") from error
+            raise ArgumentError(
+                f"array: given {error}, expected real numbers on the CPU"
+            ) from error
         made = DeviceArray.empty(self.card, values.shape, self._real, stream, order)
         self.card.write(made._address, values.ctypes.data, values.nbytes, made.stream)
         return made
@@ -83,10 +91,18 @@ class CudaLibrary(Library):
             return x.T
         given = Given(self.card, "transpose", "x", x, stream_handle("transpose", stream))
         if given.dtype != self._real.str:
-            raise ArgumentError(f"transpose, x: given numbers of type {given.dtype}, expected {self._real.name}")
+            raise ArgumentError(
+                f"transpose, x: given numbers of type {given.dtype}, expected {self._real.name}"
+            )
         steps = given.strides or steps_of(given.shape, self._real.itemsize, "C")
         return DeviceArray(
-            self.card, given.address, given.shape[::-1], steps[::-1], self._real, stream, _Lent(x, given)
+            self.card,
+            given.address,
+            given.shape[::-1],
+            steps[::-1],
+            self._real,
+            stream,
+            _Lent(x, given),
         )
 
     def __reduce__(self) -> Any:

@@ -41,7 +41,8 @@ typedef decltype(sizeof(0)) uintptr_t;
 #define PTRDIFF_MAX 9223372036854775807ll
 """,
 }
-STATUS_BITS = 8  # of what a kernel reports: the first point that failed, and in these bits minus its status
+# of what a kernel reports: the first point that failed, and in these bits minus its status
+STATUS_BITS = 8
 
 
 def read_files(folder: Path, manifest: Mapping[str, Any]) -> dict[str, str]:
@@ -53,7 +54,9 @@ def read_files(folder: Path, manifest: Mapping[str, Any]) -> dict[str, str]:
         try:
             content = read_verified(folder / file)
         except OSError as error:
-            raise BuildError(f"{folder / file}: given no readable file ({error}); {AGAIN}") from error
+            raise BuildError(
+                f"{folder / file}: given no readable file ({error}); {AGAIN}"
+            ) from error
         if hashlib.sha256(content).hexdigest() != digest:
             raise BuildError(f"{folder / file}: given another file than flexgen wrote; {AGAIN}")
         texts[file] = content.decode("ascii")
@@ -113,8 +116,12 @@ def inversion_text(manifest: Mapping[str, Any], files: Mapping[str, str], work: 
     """
     name = manifest["name"]
     main = _file_of(files, f"{name}_inversion.c", f"{name}.c")
-    every = [_file_of(files, f"{name}_{row['name']}.c", f"{name}.c") for row in manifest["functions"]]
-    includes = "".join(f'#include "{PurePosixPath(file).name}"\n' for file in dict.fromkeys([main, *every]))
+    every = [
+        _file_of(files, f"{name}_{row['name']}.c", f"{name}.c") for row in manifest["functions"]
+    ]
+    includes = "".join(
+        f'#include "{PurePosixPath(file).name}"\n' for file in dict.fromkeys([main, *every])
+    )
     many = manifest["sizes"].get("n_p", 0) > 0
     argument = f"const {name}_real *parameters, " if many else ""
     return f"""\
@@ -148,7 +155,9 @@ def _file_of(files: Mapping[str, str], *names: str) -> str:
 def _workspace(text: str, function: str) -> int:
     """Reals of workspace of a function for a point, as its source says."""
     found = re.search(
-        rf"#define NAME\(suffix\) {re.escape(function)}_##suffix\n.*?#define WORK (\d+)\n", text, re.DOTALL
+        rf"#define NAME\(suffix\) {re.escape(function)}_##suffix\n.*?#define WORK (\d+)\n",
+        text,
+        re.DOTALL,
     )
     if found is None:
         raise BuildError(f"{function}: given a source without WORK; {AGAIN}")

@@ -32,7 +32,9 @@ def block_form(pattern: np.ndarray) -> BlockForm:
     """The `BlockForm` of a pattern (rows, columns) of true and false."""
     n_rows, n_columns = pattern.shape
     row_of = (
-        maximum_bipartite_matching(csr_matrix(pattern), perm_type="row") if pattern.any() else -np.ones(n_columns, int)
+        maximum_bipartite_matching(csr_matrix(pattern), perm_type="row")
+        if pattern.any()
+        else -np.ones(n_columns, int)
     )
     row_of = np.asarray(row_of, dtype=int)
     column_of = -np.ones(n_rows, dtype=int)
@@ -44,10 +46,13 @@ def block_form(pattern: np.ndarray) -> BlockForm:
     deficit = (rows, columns)
     inner = [r for r in range(n_rows) if r not in {*surplus[0], *deficit[0]}]
     matched = [int(column_of[r]) for r in inner]
-    links = pattern[np.ix_(inner, matched)] if inner else np.zeros((0, 0), dtype=bool)  # i needs the unknown of j
+    # i needs the unknown of j
+    links = pattern[np.ix_(inner, matched)] if inner else np.zeros((0, 0), dtype=bool)
     blocks = []
     for members in _order_components(links):
-        blocks.append((tuple(inner[i] for i in members), tuple(sorted(matched[i] for i in members))))
+        blocks.append(
+            (tuple(inner[i] for i in members), tuple(sorted(matched[i] for i in members)))
+        )
     return BlockForm(tuple(blocks), surplus, deficit)
 
 
@@ -72,7 +77,10 @@ def _order_components(links: np.ndarray) -> list[list[int]]:
         return []
     count, label = connected_components(csr_matrix(links), directed=True, connection="strong")
     members = [np.flatnonzero(label == k) for k in range(count)]
-    needs = [{int(label[j]) for i in part for j in np.flatnonzero(links[i])} - {k} for k, part in enumerate(members)]
+    needs = [
+        {int(label[j]) for i in part for j in np.flatnonzero(links[i])} - {k}
+        for k, part in enumerate(members)
+    ]
     done: list[int] = []
     while len(done) < count:
         # among those that are ready the one with the first row comes first: a form that does not depend on chance

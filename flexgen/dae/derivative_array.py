@@ -41,7 +41,10 @@ class DerivativeArray:
         U = [u, *(ca.SX.sym(f"u{k}", dae.n_u) for k in range(1, mu + 1))]
 
         def rate(g: ca.SX, k: int) -> ca.SX:  # g depends on X[:k+2], U[:k+1]
-            moving, rates = ca.vertcat(*X[: k + 2], *U[: k + 1]), ca.vertcat(*X[1 : k + 3], *U[1 : k + 2])
+            moving, rates = (
+                ca.vertcat(*X[: k + 2], *U[: k + 1]),
+                ca.vertcat(*X[1 : k + 3], *U[1 : k + 2]),
+            )
             return ca.reshape(ca.jtimes(ca.vec(g), moving, rates), g.shape)
 
         F, A, E = [rows], [ca.jacobian(rows, x)], [ca.jacobian(rows, dx)]
@@ -51,7 +54,8 @@ class DerivativeArray:
             E.append(rate(E[-1], k))
         blocks = [
             [
-                (comb(i, j) * A[i - j] if j <= i else 0) + (comb(i, j - 1) * E[i - j + 1] if j else 0)
+                (comb(i, j) * A[i - j] if j <= i else 0)
+                + (comb(i, j - 1) * E[i - j + 1] if j else 0)
                 if j <= i + 1
                 else ca.SX(dae.m, dae.n_x)
                 for j in range(mu + 2)
@@ -72,4 +76,6 @@ class DerivativeArray:
     def rows(self) -> ca.Function:
         """The derivative array alone: (X, U) -> F_mu."""
         X, U = ca.SX.sym("X", self.dae.n_x, self.mu + 2), ca.SX.sym("U", self.dae.n_u, self.mu + 1)
-        return ca.Function(f"array_rows{self.mu}", [X, U], [self.function(X, U)[0]], ["X", "U"], ["F"])
+        return ca.Function(
+            f"array_rows{self.mu}", [X, U], [self.function(X, U)[0]], ["X", "U"], ["F"]
+        )

@@ -30,7 +30,13 @@ import numpy as np
 
 from flexgen.dae.signature import structural_index
 from flexgen.dae.system import InverseDae
-from flexgen.dae.taylor_array import Scales, TaylorArray, choose_scales, consistent, derivative_array
+from flexgen.dae.taylor_array import (
+    Scales,
+    TaylorArray,
+    choose_scales,
+    consistent,
+    derivative_array,
+)
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
@@ -182,10 +188,17 @@ def characterize(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMeh
     void = 0
     ranks: tuple[Rank, ...] = ()
     for mu in range(len(F_x)):
-        arrays = [without_definitions(derivative_array(F_x, F_dx, mu, unit), m, n, named) for unit in units]
-        first = arrays[0].shape[1] - (mu + 1) * (n - len(named[0]))  # columns of x itself, then of its derivatives
+        arrays = [
+            without_definitions(derivative_array(F_x, F_dx, mu, unit), m, n, named)
+            for unit in units
+        ]
+        # columns of x itself, then of its derivatives
+        first = arrays[0].shape[1] - (mu + 1) * (n - len(named[0]))
         below = np.zeros((m, arrays[0].shape[1] - n))
-        joined = [np.vstack([array, np.hstack([rate, below])]) for array, rate in zip(arrays, scaled, strict=True)]
+        joined = [
+            np.vstack([array, np.hstack([rate, below])])
+            for array, rate in zip(arrays, scaled, strict=True)
+        ]
         ranks = (
             decide_rank([array[:, first:] for array in arrays], f"M of order {mu}"),
             decide_rank(arrays, f"[N M] of order {mu}"),
@@ -225,7 +238,10 @@ def kunkel_mehrmann_at_rest(
 
 
 def kunkel_mehrmann(
-    equations: Equations, reference: OutputPath, times: Sequence[float] | None = None, highest: int = HIGHEST
+    equations: Equations,
+    reference: OutputPath,
+    times: Sequence[float] | None = None,
+    highest: int = HIGHEST,
 ) -> tuple[KunkelMehrmann, ...]:
     """The characteristic numbers at points along a solution of the inverse dynamics.
 
@@ -250,8 +266,17 @@ def kunkel_mehrmann(
     SolverError
         No consistent point was found.
     """
-    instants = np.array([0.23, 0.53, 0.81]) * reference.duration if times is None else np.asarray(times, dtype=float)
-    if instants.ndim != 1 or not len(instants) or not np.isfinite(instants).all() or (np.diff(instants) <= 0).any():
+    instants = (
+        np.array([0.23, 0.53, 0.81]) * reference.duration
+        if times is None
+        else np.asarray(times, dtype=float)
+    )
+    if (
+        instants.ndim != 1
+        or not len(instants)
+        or not np.isfinite(instants).all()
+        or (np.diff(instants) <= 0).any()
+    ):
         raise ArgumentError(f"times: given {times!r}, expected rising instants in s")
     series = TaylorArray(InverseDae(equations))
     order = min(highest, structural_index(equations).index or 4)

@@ -60,7 +60,10 @@ class Structure:
 
     def name_block(self, block: tuple[tuple[int, ...], tuple[int, ...]]) -> dict[str, list[str]]:
         """Names of a block's equations and unknowns."""
-        return {"equations": [self.equations[i] for i in block[0]], "unknowns": [self.unknowns[j] for j in block[1]]}
+        return {
+            "equations": [self.equations[i] for i in block[0]],
+            "unknowns": [self.unknowns[j] for j in block[1]],
+        }
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,9 @@ def structure(equations: Equations) -> Structure:
         return Structure(rows, unknowns, sigma, (), (), None, None, block_form(sigma > ABSENT))
     c, d = np.array(found.c), np.array(found.d)
     form = block_form((sigma > ABSENT) & (d[None, :] - c[:, None] == sigma))
-    return Structure(rows, unknowns, sigma, found.c, found.d, found.index, int(d.sum() - c.sum()), form)
+    return Structure(
+        rows, unknowns, sigma, found.c, found.d, found.index, int(d.sum() - c.sum()), form
+    )
 
 
 def system_jacobian(series: TaylorArray, structure: Structure, x: np.ndarray) -> np.ndarray:
@@ -122,7 +127,10 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
     """Whether the structure holds at a point ``x`` (2, n_x): value and first rate of the unknowns."""
     if structure.index is None:
         parts = []
-        for what, part in (("too many", structure.form.surplus), ("too few", structure.form.deficit)):
+        for what, part in (
+            ("too many", structure.form.surplus),
+            ("too few", structure.form.deficit),
+        ):
             if any(part):
                 names = structure.name_block(part)
                 parts.append(
@@ -131,7 +139,9 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
                 )
         return StructureCheck((), None, None, f"structurally singular: {'; '.join(parts)}")
     J = system_jacobian(series, structure, x)
-    smallest = tuple(smallest_ratio(J[np.ix_(rows, columns)]) for rows, columns in structure.form.blocks)
+    smallest = tuple(
+        smallest_ratio(J[np.ix_(rows, columns)]) for rows, columns in structure.form.blocks
+    )
     worst = int(np.argmin(smallest))
     sigma_min = smallest[worst]
     names = structure.name_block(structure.form.blocks[worst])
@@ -151,7 +161,9 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
 def check_at_rest(equations: Equations, rest: Equilibrium) -> tuple[Structure, StructureCheck]:
     """Structure of a model, and its check in an equilibrium."""
     dae, found = InverseDae(equations), structure(equations)
-    return found, check_structure(TaylorArray(dae), found, np.stack([dae.pack(rest), np.zeros(dae.n_x)]))
+    return found, check_structure(
+        TaylorArray(dae), found, np.stack([dae.pack(rest), np.zeros(dae.n_x)])
+    )
 
 
 def smallest_ratio(block: np.ndarray) -> float:

@@ -75,12 +75,18 @@ class InverseDae:
     def __init__(self, equations: Equations, joints: bool = False) -> None:
         if joints:
             model = equations.model
-            picked = tuple(tuple(1.0 if i == k else 0.0 for i in range(model.n_a)) for k in model.i_g)
+            picked = tuple(
+                tuple(1.0 if i == k else 0.0 for i in range(model.n_a)) for k in model.i_g
+            )
             equations = Equations(replace(model, output=Output("combination", "", picked, "mixed")))
         model = equations.model
         self.equations, self.model, self.joints = equations, model, joints
         self.n = model.dof
-        self.n_x, self.m, self.n_u = 2 * self.n + model.n_m, 2 * self.n + model.output.size, model.output.target_size
+        self.n_x, self.m, self.n_u = (
+            2 * self.n + model.n_m,
+            2 * self.n + model.output.size,
+            model.output.target_size,
+        )
         self.y, self.rate = np.arange(self.n), self.n + np.arange(self.n)
         self.torque = 2 * self.n + np.arange(model.n_m)
         self.kinematic, self.dynamic, self.output = self.y, self.rate, np.arange(2 * self.n, self.m)
@@ -113,7 +119,9 @@ class InverseDae:
         n = self.n
         x, dx, u = ca.SX.sym("x", self.n_x), ca.SX.sym("dx", self.n_x), ca.SX.sym("u", self.n_u)
         y, v, tau = x[:n], x[n : 2 * n], x[2 * n :]
-        rows = ca.vertcat(dx[:n] - v, self.motion_rows(y, v, dx[n : 2 * n], tau), self.output_rows(y, u))
+        rows = ca.vertcat(
+            dx[:n] - v, self.motion_rows(y, v, dx[n : 2 * n], tau), self.output_rows(y, u)
+        )
         return x, dx, u, rows
 
     @cached_property
@@ -121,7 +129,9 @@ class InverseDae:
         """(x, dx, u) -> F (m), A = dF/dx, E = dF/dx' (m, n_x)."""
         x, dx, u, rows = self.graph
         jacobians = [ca.densify(ca.jacobian(rows, z)) for z in (x, dx)]
-        return ca.Function("rows", [x, dx, u], [ca.densify(rows), *jacobians], ["x", "dx", "u"], ["F", "A", "E"])
+        return ca.Function(
+            "rows", [x, dx, u], [ca.densify(rows), *jacobians], ["x", "dx", "u"], ["F", "A", "E"]
+        )
 
     def target_at(self, x: np.ndarray) -> np.ndarray:
         """The target (n_u,) that the output has in a state x (n_x,)."""
@@ -168,7 +178,15 @@ class InverseDae:
 
     def _moving(self) -> list[tuple[str, int]]:
         n_a, n_m = self.model.n_a, self.model.n_m
-        return [("q_a", n_a), ("v_a", n_a), ("", n_a), ("q_m", n_m), ("v_m", n_m), ("", n_m), ("tau_m", n_m)]
+        return [
+            ("q_a", n_a),
+            ("v_a", n_a),
+            ("", n_a),
+            ("q_m", n_m),
+            ("v_m", n_m),
+            ("", n_m),
+            ("tau_m", n_m),
+        ]
 
     def targets(self, sample: Reference, orders: int) -> np.ndarray:
         """Targets and their derivatives up to ``orders``, (n, n_u, orders + 1), from a sample of a path.
@@ -186,7 +204,12 @@ class InverseDae:
         turned = [sample.R]
         for k in range(orders):
             hats = [_hat(sample.w[:, :, i]) for i in range(k + 1)]
-            turned.append(sum((comb(k, i) * hats[i] @ turned[k - i] for i in range(k + 1)), np.zeros_like(sample.R)))
+            turned.append(
+                sum(
+                    (comb(k, i) * hats[i] @ turned[k - i] for i in range(k + 1)),
+                    np.zeros_like(sample.R),
+                )
+            )
         columns = [R.transpose(0, 2, 1).reshape(-1, 9) for R in turned]
         return np.stack([np.hstack([y[:, :, k], columns[k]]) for k in range(orders + 1)], axis=-1)
 

@@ -36,7 +36,8 @@ LEFT = 1e-9  # of a solution's size: residual above which a factorization is not
 NEARBY = 1e-3  # of a path's duration: the distance of the poses from which its motion is guessed
 SHORTEST = 1 / 64  # part of a step that is tried
 SLOWEST = 1 / 8  # of the path's speed: the shortest step towards it
-CONSISTENT = 1e-10  # scaled residual of the array at which a point counts as consistent; rounding leaves about 1e-13
+# scaled residual of the array at which a point counts as consistent; rounding leaves about 1e-13
+CONSISTENT = 1e-10
 RANK = 1e-11  # of the largest singular value: directions of the array that are not used for a step
 
 
@@ -96,7 +97,11 @@ class TaylorArray:
         F_dx[:, 0, dae.kinematic, dae.y] = 1.0
         F_x[:, 0, dae.kinematic, dae.rate] = -1.0
         F_dx[:, :, dynamic, dae.rate] = M
-        F_x[:, :, dynamic, dae.y], F_x[:, :, dynamic, dae.rate], F_x[:, :, dynamic, dae.torque] = K, D, -B
+        F_x[:, :, dynamic, dae.y], F_x[:, :, dynamic, dae.rate], F_x[:, :, dynamic, dae.torque] = (
+            K,
+            D,
+            -B,
+        )
         F_x[:, :, dae.output[:, None], np.arange(self.model.n_a)] = W
         return F_x, F_dx
 
@@ -108,13 +113,21 @@ class TaylorArray:
         else:  # nothing moves: the series end with their first coefficient
             still = [argument[:, 0] for argument in arguments]
             found = []
-            for value in [*evaluate(self._jacobians.function, *still), *evaluate(self._rate.function, still[0])]:
+            for value in [
+                *evaluate(self._jacobians.function, *still),
+                *evaluate(self._rate.function, still[0]),
+            ]:
                 found.append(np.zeros((len(x), x.shape[1] - 1, *value.shape[1:])))
                 found[-1][:, 0] = value
         M, R, W = found
-        return [*second_order_matrices(M, R), W.reshape(*W.shape[:2], self.model.output.size, self.model.n_a)]
+        return [
+            *second_order_matrices(M, R),
+            W.reshape(*W.shape[:2], self.model.output.size, self.model.n_a),
+        ]
 
-    def residual(self, x: np.ndarray, reference: OutputPath, times: np.ndarray, speed: float = 1.0) -> np.ndarray:
+    def residual(
+        self, x: np.ndarray, reference: OutputPath, times: np.ndarray, speed: float = 1.0
+    ) -> np.ndarray:
         """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n_x), whose zeroth coefficients hold at ``times`` (k,) [s].
 
         Derivatives that the reference does not have are zero. ``speed``: factor on the speed along the path.
@@ -126,7 +139,9 @@ class TaylorArray:
         F = np.zeros((k, order, dae.m))
         rise = x[:, 1:] * np.arange(1, order + 1)[:, None]
         F[..., dae.kinematic] = rise[..., dae.y] - x[:, :-1, dae.rate]
-        F[..., dae.dynamic] = np.concatenate([r_a.reshape(k, order, -1), r_m.reshape(k, order, -1)[..., i_m]], axis=2)
+        F[..., dae.dynamic] = np.concatenate(
+            [r_a.reshape(k, order, -1), r_m.reshape(k, order, -1)[..., i_m]], axis=2
+        )
         W = self._rate(q)[0].reshape(k, order, -1, self.model.n_a)
         sample = reference.sample(times)
         for point, target in enumerate(targets(sample)):
@@ -239,15 +254,22 @@ def consistent(
     return out, scales
 
 
-def _quasistatic_motion(dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int) -> np.ndarray:
+def _quasistatic_motion(
+    dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int
+) -> np.ndarray:
     """Series (k, order + 2, n_x) of the motion through static equilibria, by differences, two derivatives."""
     h = NEARBY * reference.duration
     around = np.repeat(times, 3) + np.tile([-h, 0.0, h], len(times))
     rests = equilibria_along(dae.equations, reference, around)
-    before, now, after = np.array([dae.pack(rest) for rest in rests]).reshape(-1, 3, dae.n_x).transpose(1, 0, 2)
+    before, now, after = (
+        np.array([dae.pack(rest) for rest in rests]).reshape(-1, 3, dae.n_x).transpose(1, 0, 2)
+    )
     out = np.zeros((len(times), order + 2, dae.n_x))
     out[:, 0] = now
-    speed, half = ((after - before) / (2 * h))[:, dae.y], ((after - 2 * now + before) / (2 * h**2))[:, dae.y]
+    speed, half = (
+        ((after - before) / (2 * h))[:, dae.y],
+        ((after - 2 * now + before) / (2 * h**2))[:, dae.y],
+    )
     out[:, 1][:, dae.y], out[:, 0][:, dae.rate] = speed, speed
     if order:
         out[:, 2][:, dae.y] = half
@@ -256,7 +278,12 @@ def _quasistatic_motion(dae: InverseDae, reference: OutputPath, times: np.ndarra
 
 
 def _gauss_newton(
-    series: TaylorArray, reference: OutputPath, t: float, speed: float, start: np.ndarray, scales: Scales
+    series: TaylorArray,
+    reference: OutputPath,
+    t: float,
+    speed: float,
+    start: np.ndarray,
+    scales: Scales,
 ) -> np.ndarray | None:
     """A consistent point (order + 2, n_x) at an instant of the path, at a fraction of its speed; None otherwise."""
     order = len(start) - 2
@@ -299,7 +326,9 @@ def _solve_least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     except RuntimeError:  # singular
         x = np.full(n, np.nan)
     # (a larger solution goes along directions that are not used)
-    used = np.isfinite(x).all() and RANK * np.linalg.norm(A) * np.linalg.norm(x) <= np.linalg.norm(b)
+    used = np.isfinite(x).all() and RANK * np.linalg.norm(A) * np.linalg.norm(x) <= np.linalg.norm(
+        b
+    )
     if used and np.abs(A @ x - b).max() <= LEFT * (1 + np.abs(x).max()):
         return x
     return np.asarray(lstsq(A, b, cond=RANK, lapack_driver="gelsy")[0])

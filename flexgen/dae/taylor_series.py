@@ -41,7 +41,8 @@ class SeriesFunction:
         self._n_in = int(offsets[-1])
         self._constants: list[tuple[int, float]] = []
         self._results: list[list[tuple[int, int]]] = [[] for _ in range(function.n_out())]
-        held: dict[int, int] = {}  # work slot -> value: first the inputs, then one value an operation
+        # work slot -> value: first the inputs, then one value an operation
+        held: dict[int, int] = {}
         level: list[int] = [0] * self._n_in
         groups: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
         for k in range(function.n_instructions()):
@@ -60,10 +61,14 @@ class SeriesFunction:
                 level.append(0)
             else:
                 if operation not in RULES:
-                    raise ArgumentError(f"function {function.name()}: operation {operation} has no series rule")
+                    raise ArgumentError(
+                        f"function {function.name()}: operation {operation} has no series rule"
+                    )
                 operands = [held[slot] for slot in function.instruction_input(k)]
                 level.append(1 + max(level[a] for a in operands))
-                groups.setdefault((level[-1], operation), []).append((new, operands[0], operands[-1]))
+                groups.setdefault((level[-1], operation), []).append(
+                    (new, operands[0], operands[-1])
+                )
             held[function.instruction_output(k)[0]] = new
         for (_, operation), members in sorted(groups.items()):
             table = np.array(members)
@@ -179,7 +184,12 @@ def _root(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _power(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``a^b``: by products where b is a small whole number, else through the logarithm."""
     whole = b[0, 0, 0]
-    if (b[:, 1:] == 0).all() and (b[:, 0] == whole).all() and whole == round(whole) and 0 <= whole <= 8:
+    if (
+        (b[:, 1:] == 0).all()
+        and (b[:, 0] == whole).all()
+        and whole == round(whole)
+        and 0 <= whole <= 8
+    ):
         out = _one(a)
         for _ in range(int(whole)):
             out = _product(out, a)

@@ -60,26 +60,38 @@ class Disturbance:
 
     def __post_init__(self) -> None:
         if self.kind not in DISTURBANCES:
-            raise ArgumentError(f"disturbance: given kind {self.kind!r}, expected one of {', '.join(DISTURBANCES)}")
+            raise ArgumentError(
+                f"disturbance: given kind {self.kind!r}, expected one of {', '.join(DISTURBANCES)}"
+            )
         what = f"disturbance {self.kind} on {self.where}"
         for name in ("size", "start_s"):
             if not math.isfinite(getattr(self, name)):
-                raise ArgumentError(f"{what}, {name}: given {getattr(self, name)!r}, expected a finite number")
+                raise ArgumentError(
+                    f"{what}, {name}: given {getattr(self, name)!r}, expected a finite number"
+                )
         if self.length_s is None and self.kind != "step":
             raise ArgumentError(f"{what}, length_s: given none, expected a time > 0 in s")
         if self.length_s is not None and not (math.isfinite(self.length_s) and self.length_s > 0):
-            raise ArgumentError(f"{what}, length_s: given {self.length_s!r}, expected a time > 0 in s")
+            raise ArgumentError(
+                f"{what}, length_s: given {self.length_s!r}, expected a time > 0 in s"
+            )
         swept = self.kind in ("chirp", "noise")
         f = self.frequency_hz
         if swept and (f is None or len(f) != 2 or not 0 < f[0] < f[1] < math.inf):
-            raise ArgumentError(f"{what}, frequency_hz: given {f!r}, expected two increasing frequencies in Hz")
+            raise ArgumentError(
+                f"{what}, frequency_hz: given {f!r}, expected two increasing frequencies in Hz"
+            )
         if not swept and f is not None:
             raise ArgumentError(f"{what}, frequency_hz: given {f!r}, expected none for this kind")
 
     @property
     def end_s(self) -> float:
         """When it ends; infinite for a step without a length and for a ramp."""
-        return math.inf if self.length_s is None or self.kind == "ramp" else self.start_s + self.length_s
+        return (
+            math.inf
+            if self.length_s is None or self.kind == "ramp"
+            else self.start_s + self.length_s
+        )
 
     def values(self, t: np.ndarray, seed: int = 0) -> np.ndarray:
         """The disturbance at instants t (n,)."""
@@ -94,7 +106,9 @@ class Disturbance:
             assert self.frequency_hz is not None
             low, high = self.frequency_hz
             growth = math.log(high / low) / length
-            shape = np.sin(2 * np.pi * low / growth * np.expm1(growth * np.clip(since, 0.0, length)))
+            shape = np.sin(
+                2 * np.pi * low / growth * np.expm1(growth * np.clip(since, 0.0, length))
+            )
         else:
             shape = np.zeros_like(t)
             shape[on] = self._noise(since[on], seed)
@@ -117,12 +131,18 @@ def rows_of(where: str, motors: Sequence[str]) -> int:
     """Row of a disturbance: motors first, then the tool; ArgumentError for a place that does not exist."""
     places = (*motors, *TOOL_AXES)
     if where not in places:
-        raise ArgumentError(f"disturbance: given the place {where!r}, expected one of {', '.join(places)}")
+        raise ArgumentError(
+            f"disturbance: given the place {where!r}, expected one of {', '.join(places)}"
+        )
     return places.index(where)
 
 
 def disturbance_table(
-    given: Mapping[int, Sequence[Disturbance]], motors: Sequence[str], t: np.ndarray, lanes: int, seed: int = 0
+    given: Mapping[int, Sequence[Disturbance]],
+    motors: Sequence[str],
+    t: np.ndarray,
+    lanes: int,
+    seed: int = 0,
 ) -> np.ndarray | None:
     """Disturbances of all robots at the steps t (n,), (n, n_m + 6, lanes); None where there are none.
 

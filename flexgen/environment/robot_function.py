@@ -30,7 +30,9 @@ class RobotFunction:
     BuildError where there is no compiler that works.
     """
 
-    def __init__(self, function: ca.Function, numbers: np.ndarray, progress: Callable[[str], None]) -> None:
+    def __init__(
+        self, function: ca.Function, numbers: np.ndarray, progress: Callable[[str], None]
+    ) -> None:
         self.function, self.numbers = function, np.ascontiguousarray(numbers, dtype=float)
         self._library = load_module(casadi_module(function, progress))
         self._kept: list[dict[str, np.ndarray]] = []
@@ -39,7 +41,9 @@ class RobotFunction:
         """The structure for C; the memory that it points to lives as long as this object."""
         assert len(self.numbers) == lanes
         f = self.function
-        size = sum(f.nnz_in(i) for i in range(f.n_in())) + sum(f.nnz_out(i) for i in range(f.n_out()))
+        size = sum(f.nnz_in(i) for i in range(f.n_in())) + sum(
+            f.nnz_out(i) for i in range(f.n_out())
+        )
         memory = {
             "arg": np.zeros(f.sz_arg() + MOST_INPUTS, np.uintp),
             "res": np.zeros(f.sz_res() + 1, np.uintp),

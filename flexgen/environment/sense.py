@@ -72,7 +72,9 @@ def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Tra
     """
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
-    sensors = [(name, unit) for s in robot.sensors for name, unit in zip(s.channels, s.units, strict=True)]
+    sensors = [
+        (name, unit) for s in robot.sensors for name, unit in zip(s.channels, s.units, strict=True)
+    ]
     if not sensors:
         raise ArgumentError(f"model: given {robot.name} without a [[sensor]], expected one or more")
     widths = dict.fromkeys(MOTION, robot.n_a) | {"q_m": robot.n_m}
@@ -102,5 +104,11 @@ def signals_of(equations: Equations, numbers: bool = False) -> ca.Function:
     pushed = equations.pushed
     lag = pushed.lagrangian
     assert pushed.force is not None
-    inputs = [lag.chain.q_a, lag.chain.v_a, lag.a_a, pushed.force, *([pushed.symbols] if numbers else [])]
+    inputs = [
+        lag.chain.q_a,
+        lag.chain.v_a,
+        lag.a_a,
+        pushed.force,
+        *([pushed.symbols] if numbers else []),
+    ]
     return ca.Function("sensor_signals", inputs, [ca.cse(ca.densify(sensor_signals(pushed)))])

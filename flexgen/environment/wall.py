@@ -64,11 +64,17 @@ class Wall:
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
             given = getattr(self, name)
-            if isinstance(given, str) or len(given) != 3 or not all(is_number(x) and abs(x) < 1e9 for x in given):
+            if (
+                isinstance(given, str)
+                or len(given) != 3
+                or not all(is_number(x) and abs(x) < 1e9 for x in given)
+            ):
                 raise ArgumentError(f"wall, {name}: given {given!r}, expected three finite numbers")
             object.__setattr__(self, name, tuple(float(x) for x in given))
         if not math.hypot(*self.normal) > 1e-9:
-            raise ArgumentError(f"wall, normal: given {self.normal}, expected a vector that is not zero")
+            raise ArgumentError(
+                f"wall, normal: given {self.normal}, expected a vector that is not zero"
+            )
         check_positive("wall, stiffness", self.stiffness, "a number > 0 in N/m")
         check_not_negative("wall, damping", self.damping)
         if not (is_number(self.gap) and math.isfinite(self.gap)):
@@ -96,7 +102,9 @@ def contact_force(wall: Wall, equations: Equations, q_a: np.ndarray, v_a: np.nda
 def contact_function(wall: Wall, equations: Equations) -> ca.Function:
     """Force and torque (6,) on the tool from ``q_a`` and ``v_a``."""
     q, v = (ca.SX.sym(name, equations.model.n_a) for name in ("q_a", "v_a"))
-    return ca.Function("wall", [q, v], [wall_force(equations)(q, v, numbers_of(wall, equations.model))])
+    return ca.Function(
+        "wall", [q, v], [wall_force(equations)(q, v, numbers_of(wall, equations.model))]
+    )
 
 
 def add_contact(wall: Wall, equations: Equations, motion: Trajectory) -> Trajectory:
@@ -127,6 +135,8 @@ def wall_force(equations: Equations) -> ca.Function:
     chain, numbers = equations.lagrangian.chain, ca.SX.sym("wall", 8)
     point, n, stiffness, damping = ca.vertsplit(numbers, [0, 3, 6, 7, 8])
     depth = ca.dot(n, point - chain.tool.p)
-    push = ca.fmax(0, stiffness * depth - damping * ca.dot(n, ca.mtimes(chain.tool.R, chain.tool.v)))
+    push = ca.fmax(
+        0, stiffness * depth - damping * ca.dot(n, ca.mtimes(chain.tool.R, chain.tool.v))
+    )
     force = ca.vertcat(ca.if_else(depth > 0, push, 0) * n, ca.SX.zeros(3))
     return ca.Function("wall_force", [chain.q_a, chain.v_a, numbers], [ca.densify(force)])

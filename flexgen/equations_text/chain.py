@@ -9,9 +9,25 @@ import numpy as np
 import sympy as sp
 from scipy.spatial.transform import Rotation
 
-from flexgen.equations_text.elements import Expr3, Joint, Mass, Return, Rotor, Shift, Step, Symbols, Tip, Turn
+from flexgen.equations_text.elements import (
+    Expr3,
+    Joint,
+    Mass,
+    Return,
+    Rotor,
+    Shift,
+    Step,
+    Symbols,
+    Tip,
+    Turn,
+)
 from flexgen.equations_text.trigonometric import Element as Polynomial
-from flexgen.equations_text.trigonometric import Matrix3, TrigonometricRing, Vector3, accumulate_angles
+from flexgen.equations_text.trigonometric import (
+    Matrix3,
+    TrigonometricRing,
+    Vector3,
+    accumulate_angles,
+)
 
 
 class SymbolicChain:
@@ -21,7 +37,9 @@ class SymbolicChain:
     frame's origin and the angular velocity by that coordinate's speed, in the current frame.
     """
 
-    def __init__(self, ring: TrigonometricRing, q_a: tuple[sp.Symbol, ...], n_m: int, gravity: Expr3) -> None:
+    def __init__(
+        self, ring: TrigonometricRing, q_a: tuple[sp.Symbol, ...], n_m: int, gravity: Expr3
+    ) -> None:
         n, zero = len(q_a), ring.zero
         self.ring, self.q_a, self.n, self.weight = ring, q_a, n, [-ring.element(x) for x in gravity]
         self.R: Matrix3 = [[ring.one if i == j else zero for j in range(3)] for i in range(3)]
@@ -58,7 +76,9 @@ class SymbolicChain:
         else:
             axis = [ring.element(x) for x in step.axis]
             seen = [ring.dot(axis, Jw) for Jw in self.Jw]
-            seen += [ring.one if j == step.index else ring.zero for j in range(len(self.M) - self.n)]
+            seen += [
+                ring.one if j == step.index else ring.zero for j in range(len(self.M) - self.n)
+            ]
             self._add(self.M, ring.element(step.inertia), seen, seen)
 
     def _turn(self, axis: Vector3, angle: sp.Symbol | int) -> None:
@@ -80,13 +100,16 @@ class SymbolicChain:
     def _move_point(self, by: Vector3) -> list[Vector3]:
         """Velocities of the point ``by`` of the current frame."""
         turned = [self.ring.cross(w, by) for w in self.Jw]
-        return [[x + y for x, y in zip(v, t, strict=True)] for v, t in zip(self.Jv, turned, strict=True)]
+        return [
+            [x + y for x, y in zip(v, t, strict=True)] for v, t in zip(self.Jv, turned, strict=True)
+        ]
 
     def _mass(self, body: Mass) -> None:
         ring = self.ring
         m, com = ring.element(body.mass), [ring.element(x) for x in body.com]
         inertia = [[ring.element(body.inertia[i, j]) for j in range(3)] for i in range(3)]
-        rows = list(zip(*self._move_point(com), strict=True))  # x, y, z of the velocities by each coordinate
+        # x, y, z of the velocities by each coordinate
+        rows = list(zip(*self._move_point(com), strict=True))
         spins = list(zip(*self.Jw, strict=True))
         for k in range(3):
             self._add(self.M, m, rows[k], rows[k])
@@ -97,7 +120,11 @@ class SymbolicChain:
         self.potential = ring.reduce(self.potential + m * ring.dot(self.weight, height))
 
     def _add(
-        self, to: list[list[Polynomial]], factor: Polynomial, a: Sequence[Polynomial], b: Sequence[Polynomial]
+        self,
+        to: list[list[Polynomial]],
+        factor: Polynomial,
+        a: Sequence[Polynomial],
+        b: Sequence[Polynomial],
     ) -> None:
         """``to += factor a b'``."""
         if factor:
@@ -109,7 +136,9 @@ class SymbolicChain:
     def velocity_terms(self, speeds: Sequence[sp.Symbol]) -> list[Polynomial]:
         """Coriolis and centrifugal terms of arm and rotors: Christoffel symbols of ``M``, which depends on q_a only."""
         ring, v, n = self.ring, [self.ring.element(s) for s in speeds], len(speeds)
-        slope = [[[ring.diff(self.M[i][j], q) for q in self.q_a] for j in range(n)] for i in range(n)]
+        slope = [
+            [[ring.diff(self.M[i][j], q) for q in self.q_a] for j in range(n)] for i in range(n)
+        ]
 
         def d(i: int, j: int, k: int) -> Polynomial:
             return slope[i][j][k] if k < self.n else ring.zero
@@ -118,7 +147,11 @@ class SymbolicChain:
         return [
             ring.reduce(
                 sum(
-                    ((d(i, j, k) + d(i, k, j) - d(j, k, i)) * half * v[j] * v[k] for j in range(n) for k in range(n)),
+                    (
+                        (d(i, j, k) + d(i, k, j) - d(j, k, i)) * half * v[j] * v[k]
+                        for j in range(n)
+                        for k in range(n)
+                    ),
                     ring.zero,
                 )
             )
@@ -131,7 +164,9 @@ def polynomial_ring(
 ) -> TrigonometricRing:
     """The ring in which the equations of a chain are polynomials."""
     values = {entry.symbol: entry.value for entry in symbols.entries if entry.value is not None}
-    fixed = [step.angle for step in steps if isinstance(step, Turn) and not isinstance(step.angle, int)]
+    fixed = [
+        step.angle for step in steps if isinstance(step, Turn) and not isinstance(step.angle, int)
+    ]
     units, turning, heavy = [], [], []
     same: list[int] = []
     axis = None  # of the joint before, in the current frame
@@ -151,7 +186,11 @@ def polynomial_ring(
         elif isinstance(step, Return):
             axis = None
         elif isinstance(step, Mass):
-            heavy += [x for x in dict.fromkeys([step.mass, step.drag, *step.inertia.values()]) if x.is_Symbol]
+            heavy += [
+                x
+                for x in dict.fromkeys([step.mass, step.drag, *step.inertia.values()])
+                if x.is_Symbol
+            ]
         elif isinstance(step, Rotor):
             free = tuple(x for x in step.axis if x.is_Symbol)
             units += [free] if free else []

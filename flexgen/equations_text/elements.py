@@ -45,12 +45,16 @@ class Symbols:
         first, k = name, 1
         while name.text() in taken:
             k += 1
-            name = replace(first, plain=f"{first.text()}_({k})", subscripts=(*first.subscripts, f"({k})"))
+            name = replace(
+                first, plain=f"{first.text()}_({k})", subscripts=(*first.subscripts, f"({k})")
+            )
         symbol = sp.Symbol(name.text(), real=True)
         self.entries.append(Entry(symbol, name, unit, meaning, value))
         return symbol
 
-    def parameter(self, head: str, subscripts: tuple[str, ...], value: float, unit: str, meaning: str) -> sp.Expr:
+    def parameter(
+        self, head: str, subscripts: tuple[str, ...], value: float, unit: str, meaning: str
+    ) -> sp.Expr:
         """A symbol with a value; 0 where the value is zero."""
         if value == 0.0:
             return sp.Integer(0)
@@ -126,7 +130,9 @@ class Return:
 Step = Shift | Turn | Joint | Mass | Rotor | Tip | Return
 
 
-def placement_steps(symbols: Symbols, head: str, owner: str, placement: Placement, meaning: str) -> list[Step]:
+def placement_steps(
+    symbols: Symbols, head: str, owner: str, placement: Placement, meaning: str
+) -> list[Step]:
     """A constant pose: a shift, then turns about z, y, x (yaw, pitch, roll), exact where they are quarter turns."""
     steps: list[Step] = []
     shift = symbols.vector(head, owner, placement.position, "m", meaning)
@@ -137,10 +143,19 @@ def placement_steps(symbols: Symbols, head: str, owner: str, placement: Placemen
     c, s = math.cos(yaw), math.sin(yaw)
     rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
     pitch, roll = math.atan2(-rest[2, 0], rest[0, 0]), math.atan2(-rest[1, 2], rest[1, 1])
-    for axis, angle, greek, word in ((2, yaw, "psi", "yaw"), (1, pitch, "theta", "pitch"), (0, roll, "phi", "roll")):
+    for axis, angle, greek, word in (
+        (2, yaw, "psi", "yaw"),
+        (1, pitch, "theta", "pitch"),
+        (0, roll, "phi", "roll"),
+    ):
         quarters = round(angle / (math.pi / 2))
         if abs(angle - quarters * math.pi / 2) > _SNAP:
-            steps.append(Turn(axis, symbols.new(Name(greek, (head, owner)), "rad", f"{meaning}, {word}", angle)))
+            steps.append(
+                Turn(
+                    axis,
+                    symbols.new(Name(greek, (head, owner)), "rad", f"{meaning}, {word}", angle),
+                )
+            )
         elif quarters % 4:
             steps.append(Turn(axis, quarters % 4))
     return steps
@@ -158,17 +173,27 @@ def _axis(symbols: Symbols, head: str, owner: str, axis: Vector) -> Expr3:
 def _body(symbols: Symbols, owner: str, body: Body) -> Mass | None:
     mass = symbols.parameter("m", (owner,), body.mass, "kg", f"mass of {owner}")
     com = (
-        symbols.vector("xyz", owner, body.com, "m", f"center of mass of {owner}") if body.mass else (sp.Integer(0),) * 3
+        symbols.vector("xyz", owner, body.com, "m", f"center of mass of {owner}")
+        if body.mass
+        else (sp.Integer(0),) * 3
     )
     inertia = {}
     for i, j in _MOMENTS:
         moment = f"{_AXES[i]}{_AXES[j]}"
         value = symbols.parameter(
-            "I", (moment, owner), body.inertia[i][j], "kg m^2", f"inertia of {owner} about its center, {moment}"
+            "I",
+            (moment, owner),
+            body.inertia[i][j],
+            "kg m^2",
+            f"inertia of {owner} about its center, {moment}",
         )
         inertia[i, j] = inertia[j, i] = value
-    drag = symbols.parameter("d", (owner,), body.rotational_drag, "N m s/rad", f"rotational drag of {owner}")
-    return Mass(mass, com, inertia, drag) if mass != 0 or drag != 0 or any(inertia.values()) else None
+    drag = symbols.parameter(
+        "d", (owner,), body.rotational_drag, "N m s/rad", f"rotational drag of {owner}"
+    )
+    return (
+        Mass(mass, com, inertia, drag) if mass != 0 or drag != 0 or any(inertia.values()) else None
+    )
 
 
 def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> list[Step]:
@@ -190,7 +215,11 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
             steps.append(Return(model.parents[element.name]))
         here = element.name
         steps += placement_steps(
-            symbols, "o", element.name, element.origin, f"origin of {element.name} from the tip before"
+            symbols,
+            "o",
+            element.name,
+            element.origin,
+            f"origin of {element.name} from the tip before",
         )
         for dof in element.dofs:
             steps.append(Joint(k, _axis(symbols, "n", dof.name, dof.axis), dof.type == "rotation"))
@@ -199,21 +228,31 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
             symbols, "l", element.name, element.link, f"frame of {element.name} from its last joint"
         )
         body = _body(symbols, element.name, element.body)
-        steps += ([body] if body else []) + rotors.pop(element.name, []) + [Tip(element.name)] * model.branched
+        steps += (
+            ([body] if body else [])
+            + rotors.pop(element.name, [])
+            + [Tip(element.name)] * model.branched
+        )
     if model.tip != here:
         steps.append(Return(model.tip))
     payload = _body(symbols, "payload", model.payload)
     steps += [payload] if payload else []
-    return steps + placement_steps(symbols, "t", "tool", Placement(model.tool.position), "tool from the last tip")
+    return steps + placement_steps(
+        symbols, "t", "tool", Placement(model.tool.position), "tool from the last tip"
+    )
 
 
-def spring_law(symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: tuple[str, str]) -> sp.Expr:
+def spring_law(
+    symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: tuple[str, str]
+) -> sp.Expr:
     """Torque of a spring at the deflection ``d``; ``units`` of torque and deflection."""
     torque, deflection = units
 
     def stiffness(head: str, value: float, meaning: str, power: str = "") -> sp.Expr:
         unit = f"{torque}/{deflection}{power}"
-        return symbols.parameter(head[0], (*head[1:].split(), owner), value, unit, f"{meaning} of {owner}")
+        return symbols.parameter(
+            head[0], (*head[1:].split(), owner), value, unit, f"{meaning} of {owner}"
+        )
 
     if isinstance(spring, LinearSpring):
         return stiffness("K", spring.stiffness, "stiffness") * d
@@ -223,12 +262,21 @@ def spring_law(symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: 
     if isinstance(spring, BacklashSpring):
         gap = symbols.parameter("b", (owner,), spring.gap, deflection, f"half backlash of {owner}")
         smooth = symbols.parameter(
-            "epsilon", (owner,), spring.smoothing, deflection, f"rounding of the backlash of {owner}"
+            "epsilon",
+            (owner,),
+            spring.smoothing,
+            deflection,
+            f"rounding of the backlash of {owner}",
         )
         clipped = (sp.sqrt((d + gap) ** 2 + smooth**2) - sp.sqrt((d - gap) ** 2 + smooth**2)) / 2
         return stiffness("K", spring.stiffness, "stiffness") * (d - clipped)
-    low, high = stiffness("K low", spring.low, "low stiffness"), stiffness("K high", spring.high, "high stiffness")
-    at = symbols.new(Name("psi", (owner,)), deflection, f"break of the stiffness of {owner}", spring.break_at)
+    low, high = (
+        stiffness("K low", spring.low, "low stiffness"),
+        stiffness("K high", spring.high, "high stiffness"),
+    )
+    at = symbols.new(
+        Name("psi", (owner,)), deflection, f"break of the stiffness of {owner}", spring.break_at
+    )
     if isinstance(spring, SmoothSpring):
         inside, offset = low * d + (high - low) * d**3 / (3 * at**2), 2 * (high - low) * at / 3
     else:
@@ -236,7 +284,9 @@ def spring_law(symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: 
     return sp.Piecewise((inside, sp.Abs(d) <= at), (high * d - offset * sp.sign(d), True))
 
 
-def friction_law(symbols: Symbols, friction: Friction, w: sp.Symbol, owner: str, units: tuple[str, str]) -> sp.Expr:
+def friction_law(
+    symbols: Symbols, friction: Friction, w: sp.Symbol, owner: str, units: tuple[str, str]
+) -> sp.Expr:
     """Friction torque at the speed ``w``; ``units`` of torque and coordinate."""
     if type(friction) is not Friction:
         raise ArgumentError(
@@ -255,9 +305,15 @@ def friction_law(symbols: Symbols, friction: Friction, w: sp.Symbol, owner: str,
         return force
     level = parameter("F c", friction.coulomb, torque, "Coulomb friction")
     if friction.stribeck != 0.0:
-        alpha = parameter("alpha", friction.alpha, f"s/{deflection}", "slope of the Stribeck friction")
-        level = level + parameter("F s", friction.stribeck, torque, "Stribeck friction") / sp.cosh(alpha * w)
-    return force + level * sp.tanh(parameter("beta", friction.beta, f"s/{deflection}", "slope of the friction") * w)
+        alpha = parameter(
+            "alpha", friction.alpha, f"s/{deflection}", "slope of the Stribeck friction"
+        )
+        level = level + parameter("F s", friction.stribeck, torque, "Stribeck friction") / sp.cosh(
+            alpha * w
+        )
+    return force + level * sp.tanh(
+        parameter("beta", friction.beta, f"s/{deflection}", "slope of the friction") * w
+    )
 
 
 class Forces:
@@ -291,7 +347,9 @@ class Forces:
                 meaning = f"gear ratio, {motor.name} to {name}"
                 exact = abs(ratio) == 1.0 and unit == "rad"
                 eta[j, k] = (
-                    sp.Integer(int(ratio)) if exact else symbols.parameter("r", owner, ratio, f"rad/{unit}", meaning)
+                    sp.Integer(int(ratio))
+                    if exact
+                    else symbols.parameter("r", owner, ratio, f"rad/{unit}", meaning)
                 )
         inverse = eta.inv().applyfunc(sp.factor) if model.n_g else eta
         seen, rate = inverse * sp.Matrix(q_m), inverse * sp.Matrix(v_m)  # motors from the arm side
@@ -303,24 +361,40 @@ class Forces:
             if dof.gear is None:
                 assert dof.spring is not None
                 spring = spring_law(symbols, dof.spring, q_a[i], name, units[i])
-                damping = symbols.parameter("D", (name,), dof.damping, damping_unit, f"damping of {name}")
+                damping = symbols.parameter(
+                    "D", (name,), dof.damping, damping_unit, f"damping of {name}"
+                )
                 self.torques.append(-spring - damping * v_a[i])
                 continue
             if dof.gear.rigid:
                 self.torques.append(None)
                 continue
             assert dof.gear.spring is not None
-            k, ratio, side_units, side = place[name][0], sp.Integer(1), units[i], f"{name}, arm side"
+            k, ratio, side_units, side = (
+                place[name][0],
+                sp.Integer(1),
+                units[i],
+                f"{name}, arm side",
+            )
             if dof.gear.side == "motor":
-                ratio = next(eta[j, k] for j, motor in enumerate(model.motors) if motor.drives == (name,))
+                ratio = next(
+                    eta[j, k] for j, motor in enumerate(model.motors) if motor.drives == (name,)
+                )
                 side_units, damping_unit, side = ("N m", "rad"), "N m s/rad", f"{name}, motor side"
-            deflection, slip = sp.cancel(ratio * seen[k]) - ratio * q_a[i], sp.cancel(ratio * rate[k]) - ratio * v_a[i]
+            deflection, slip = (
+                sp.cancel(ratio * seen[k]) - ratio * q_a[i],
+                sp.cancel(ratio * rate[k]) - ratio * v_a[i],
+            )
             if not isinstance(dof.gear.spring, LinearSpring):
-                symbol = symbols.new(Name("delta", (name,)), side_units[1], f"deflection of the gear of {side}")
+                symbol = symbols.new(
+                    Name("delta", (name,)), side_units[1], f"deflection of the gear of {side}"
+                )
                 self.deflections[symbol] = deflection
                 deflection = symbol
             torque = spring_law(symbols, dof.gear.spring, deflection, name, side_units)
-            damping = symbols.parameter("D", (name,), dof.gear.damping, damping_unit, f"damping of {side}")
+            damping = symbols.parameter(
+                "D", (name,), dof.gear.damping, damping_unit, f"damping of {side}"
+            )
             self.torques.append(ratio * (torque + damping * slip))
         asked = (inverse.T * sp.Matrix([tau[i] for i in model.i_g])).applyfunc(sp.together)
         self.on_motors = [

@@ -101,7 +101,11 @@ class SymbolicEquations:
         Arguments that are left out are zero. Torques of springs and dampers are put in for their symbols.
         """
         state = [*self.q_a, *self.v_a, *self.a_a, *self.q_m, *self.v_m, *self.a_m]
-        known = {symbol: torque for symbol, torque in zip(self.tau, self.torques, strict=True) if torque is not None}
+        known = {
+            symbol: torque
+            for symbol, torque in zip(self.tau, self.torques, strict=True)
+            if torque is not None
+        }
         explicit = [sp.sympify(e).xreplace(known).xreplace(self.deflections) for e in expressions]
         compiled = sp.lambdify([*state, *self.parameters], explicit, "numpy", cse=True)
         sizes = [len(self.q_a)] * 3 + [len(self.q_m)] * 3
@@ -109,7 +113,10 @@ class SymbolicEquations:
 
         def evaluate(*arguments: np.ndarray) -> list[np.ndarray]:
             given = [*arguments, *([None] * (6 - len(arguments)))]
-            parts = [np.zeros(n) if x is None else np.ravel(x).astype(float) for x, n in zip(given, sizes, strict=True)]
+            parts = [
+                np.zeros(n) if x is None else np.ravel(x).astype(float)
+                for x, n in zip(given, sizes, strict=True)
+            ]
             return [np.asarray(x, dtype=float) for x in compiled(*np.concatenate(parts), *values)]
 
         return evaluate
@@ -150,22 +157,44 @@ class SymbolicEquations:
         shown = [term for term, yes in zip(terms, present, strict=True) if yes]
         plain = " + ".join(f"{a} {b}".strip() for a, b in shown) + " = tau"
         formula = " + ".join(rf"{a} \, {b[0]}_{b[2]}" if b else a for a, b in shown) + r" = \tau"
-        upper = tuple(Row("M", (i + 1, j + 1), self.M[i, j]) for i in range(n_a) for j in range(i, n_a))
-        coupling = tuple(Row("S", (i + 1, j + 1), self.S[i, j]) for i in range(n_a) for j in range(n_m))
-        sections = [Section("Equations of the arm", (), plain, formula), Section("Inertia M (symmetric)", upper)]
+        upper = tuple(
+            Row("M", (i + 1, j + 1), self.M[i, j]) for i in range(n_a) for j in range(i, n_a)
+        )
+        coupling = tuple(
+            Row("S", (i + 1, j + 1), self.S[i, j]) for i in range(n_a) for j in range(n_m)
+        )
+        sections = [
+            Section("Equations of the arm", (), plain, formula),
+            Section("Inertia M (symmetric)", upper),
+        ]
         sections += [Section("Coupling of rotors and arm S", coupling)] if any(self.S) else []
-        sections += vector("Coriolis and centrifugal terms c", "c", self.c) + vector("Gravity g", "g", self.g)
-        sections += vector("Friction f", "f", self.friction) + vector("Drag of the bodies r", "r", self.drag)
-        given = [(symbol, torque) for symbol, torque in zip(self.tau, self.torques, strict=True) if torque is not None]
+        sections += vector("Coriolis and centrifugal terms c", "c", self.c) + vector(
+            "Gravity g", "g", self.g
+        )
+        sections += vector("Friction f", "f", self.friction) + vector(
+            "Drag of the bodies r", "r", self.drag
+        )
+        given = [
+            (symbol, torque)
+            for symbol, torque in zip(self.tau, self.torques, strict=True)
+            if torque is not None
+        ]
         if given:
-            sections.append(Section("Springs and dampers", name_rows([*self.deflections.items(), *given])))
+            sections.append(
+                Section("Springs and dampers", name_rows([*self.deflections.items(), *given]))
+            )
         if self.gear_equations:
             sections.append(Section("Rigid gears", name_rows(list(self.gear_equations))))
         if self.motor_equations:
             rows = name_rows(list(zip(self.tau_m, self.motor_equations, strict=True)))
             sections.append(Section("Motors", rows))
         sections += self._output_sections()
-        used = {symbol for section in sections for row in section.rows for symbol in row.value.free_symbols}
+        used = {
+            symbol
+            for section in sections
+            for row in section.rows
+            for symbol in row.value.free_symbols
+        }
         used |= {*self.q_a, *self.v_a, *self.a_a, *self.tau, *self.tau_m}
         symbols = tuple(entry for entry in self.entries if entry.symbol in used)
         model = self.model
@@ -182,7 +211,11 @@ class SymbolicEquations:
             moving = self.tool.free_symbols & set(self.q_a)
             rest = [Section("Position of the tool p", position)] if moving else []
             return [Section(f"Declared output y, {unit}", rows), *rest]
-        rows = position if output.type == "tool_pose" else tuple(position["xyz".index(axis)] for axis in output.axes)
+        rows = (
+            position
+            if output.type == "tool_pose"
+            else tuple(position["xyz".index(axis)] for axis in output.axes)
+        )
         plain = f"y = ({', '.join(row.text() for row in rows)})"
         formula = rf"y = ({', '.join(row.latex() for row in rows)})"
         if output.type == "tool_pose":
@@ -200,7 +233,9 @@ def _subscripts(names: Sequence[Name], coordinates: Sequence[Coordinate]) -> lis
     texts = {name.text() for name in names}
     shared = [n.subscripts for n in names]
     return [
-        (c.name,) if shared.count(n.subscripts) > 1 or texts & {f"{x}{n.subscripts[0]}" for x in "va"} else n.subscripts
+        (c.name,)
+        if shared.count(n.subscripts) > 1 or texts & {f"{x}{n.subscripts[0]}" for x in "va"}
+        else n.subscripts
         for n, c in zip(names, coordinates, strict=True)
     ]
 
@@ -218,9 +253,13 @@ def _gravity(model: RobotModel, symbols: Symbols) -> Expr3:
     pull = np.array(model.base.rotation).T @ np.array(model.gravity)
     pull[np.abs(pull) < 1e-14 * np.abs(pull).max()] = 0.0
     if np.count_nonzero(pull) > 1:
-        return symbols.vector("g", "", tuple(pull), "m/s^2", "acceleration of gravity in the frame of the base")
+        return symbols.vector(
+            "g", "", tuple(pull), "m/s^2", "acceleration of gravity in the frame of the base"
+        )
     size, name = float(np.abs(pull).max()), Name("g", ("0",), plain="g_0")
-    strength = symbols.new(name, "m/s^2", "acceleration of gravity", size) if size else sp.Integer(0)
+    strength = (
+        symbols.new(name, "m/s^2", "acceleration of gravity", size) if size else sp.Integer(0)
+    )
     x, y, z = (strength * int(np.sign(part)) for part in pull)
     return x, y, z
 
@@ -229,9 +268,16 @@ def _output(model: RobotModel, q_a: tuple[sp.Symbol, ...], position: sp.Matrix) 
     """The declared output; of a pose its position."""
     output = model.output
     if output.type == "combination":
-        weights = [[sp.Integer(w) if float(w).is_integer() else sp.Float(w) for w in row] for row in output.weights]
+        weights = [
+            [sp.Integer(w) if float(w).is_integer() else sp.Float(w) for w in row]
+            for row in output.weights
+        ]
         return sp.Matrix(weights) * sp.Matrix(q_a)
-    return position if output.type == "tool_pose" else position.extract(["xyz".index(a) for a in output.axes], [0])
+    return (
+        position
+        if output.type == "tool_pose"
+        else position.extract(["xyz".index(a) for a in output.axes], [0])
+    )
 
 
 def _check_small(model: RobotModel) -> None:
@@ -283,17 +329,26 @@ def _coordinates(model: RobotModel, symbols: Symbols) -> _Coordinates:
     """New symbols for the coordinates of a model."""
     q_names = [_coordinate_name(c.name) for c in model.coordinates]
     units = [c.unit for c in model.coordinates]
-    q_a = tuple(symbols.new(n, c.unit, _role(model, c)) for n, c in zip(q_names, model.coordinates, strict=True))
+    q_a = tuple(
+        symbols.new(n, c.unit, _role(model, c))
+        for n, c in zip(q_names, model.coordinates, strict=True)
+    )
     subscripts = _subscripts(q_names, model.coordinates)
 
     def along(head: str, suffix: str, what: str) -> tuple[sp.Symbol, ...]:
         made = zip(subscripts, units, model.coordinates, strict=True)
-        return tuple(symbols.new(Name(head, sub), u + suffix, f"{what} of {c.name}") for sub, u, c in made)
+        return tuple(
+            symbols.new(Name(head, sub), u + suffix, f"{what} of {c.name}") for sub, u, c in made
+        )
 
     v_a, a_a = along("v", "/s", "speed"), along("a", "/s^2", "acceleration")
     torque_units = [("N m", "rad") if unit == "rad" else ("N", "m") for unit in units]
     tau = tuple(
-        symbols.new(Name("tau", sub), u, f"torque on {c.name}, arm side" if u == "N m" else f"force on {c.name}")
+        symbols.new(
+            Name("tau", sub),
+            u,
+            f"torque on {c.name}, arm side" if u == "N m" else f"force on {c.name}",
+        )
         for sub, (u, _), c in zip(subscripts, torque_units, model.coordinates, strict=True)
     )
     taken = {sub[0] for sub in subscripts}
@@ -335,7 +390,9 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
     symbols = Symbols()
     x = _coordinates(model, symbols)
     rotor = [
-        symbols.parameter("J", (m.name,), m.inertia, "kg m^2", f"rotor inertia of {m.name}, motor side")
+        symbols.parameter(
+            "J", (m.name,), m.inertia, "kg m^2", f"rotor inertia of {m.name}, motor side"
+        )
         for m in model.motors
     ]
     steps = chain_steps(model, symbols, rotor)
@@ -347,17 +404,23 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
         chain.element(step)
     for step in base:
         ground.element(step)
-    tool = [ring.reduce(a + b) for a, b in zip(ground.p, ring.multiply(ground.R, chain.p), strict=True)]
+    tool = [
+        ring.reduce(a + b) for a, b in zip(ground.p, ring.multiply(ground.R, chain.p), strict=True)
+    ]
 
     n, n_all = model.n_a, model.n_a + model.n_m
-    full = [[ring.expression(chain.M[min(i, j)][max(i, j)]) for j in range(n_all)] for i in range(n)]
+    full = [
+        [ring.expression(chain.M[min(i, j)][max(i, j)]) for j in range(n_all)] for i in range(n)
+    ]
     c = [ring.expression(term) for term in chain.velocity_terms([*x.v_a, *x.v_m])]
     drag = [ring.dot(row, [ring.element(v) for v in x.v_a]) for row in chain.D]
     S = sp.Matrix(n, model.n_m, lambda i, j: full[i][n + j])
     forces = Forces(model, symbols, x.q_a, x.v_a, x.tau, x.q_m, x.v_m, x.torque_units)
     position = sp.Matrix([ring.expression(part) for part in tool])
     carried = S.T * sp.Matrix(x.a_a)
-    motors = [rotor[j] * x.a_m[j] + carried[j] + c[n + j] + forces.on_motors[j] for j in range(model.n_m)]
+    motors = [
+        rotor[j] * x.a_m[j] + carried[j] + c[n + j] + forces.on_motors[j] for j in range(model.n_m)
+    ]
     return SymbolicEquations(
         model=model,
         q_a=x.q_a,

@@ -48,7 +48,11 @@ class Name:
         """``m_link1``; the parts of ``q1`` are joined, as in the model file, where the only subscript is a number."""
         if self.plain:
             return one_line(self.plain)
-        joint = "" if len(self.head) == 1 and len(self.subscripts) == 1 and self.subscripts[0].isdigit() else "_"
+        joint = (
+            ""
+            if len(self.head) == 1 and len(self.subscripts) == 1 and self.subscripts[0].isdigit()
+            else "_"
+        )
         return one_line(joint.join((self.head, *self.subscripts)))
 
     def latex(self) -> str:
@@ -62,7 +66,11 @@ class Name:
 def _latex_subscript(part: str) -> str:
     if part.isdigit():
         return part
-    return f"\\mathrm{{{part}}}" if _PLAIN.match(part) and part.isascii() else f"\\text{{{escape_latex(part)}}}"
+    return (
+        f"\\mathrm{{{part}}}"
+        if _PLAIN.match(part) and part.isascii()
+        else f"\\text{{{escape_latex(part)}}}"
+    )
 
 
 def escape_latex(text: str) -> str:
@@ -110,11 +118,19 @@ class Row:
 
     def text(self) -> str:
         """Left-hand side in plain text."""
-        return self.name.text() if self.name else f"{self.head}[{','.join(str(i) for i in self.index)}]"
+        return (
+            self.name.text()
+            if self.name
+            else f"{self.head}[{','.join(str(i) for i in self.index)}]"
+        )
 
     def latex(self) -> str:
         """Left-hand side in LaTeX."""
-        return self.name.latex() if self.name else f"{self.head}_{{{''.join(str(i) for i in self.index)}}}"
+        return (
+            self.name.latex()
+            if self.name
+            else f"{self.head}_{{{''.join(str(i) for i in self.index)}}}"
+        )
 
 
 @dataclass(frozen=True)
@@ -209,7 +225,9 @@ def _abbreviate(sheet: Sheet) -> dict[sp.Expr, tuple[str, str]]:
             digits = "".join(sorted(numbers[term] for term in terms))
             letter = "s" if isinstance(f, sp.sin) else "c"
             short[f] = (letter + digits, rf"\mathrm{{{letter}}}_{{{digits}}}")
-    return dict(sorted(short.items(), key=lambda item: (len(item[1][0]), item[1][0][1:], item[1][0][0])))
+    return dict(
+        sorted(short.items(), key=lambda item: (len(item[1][0]), item[1][0][1:], item[1][0][0]))
+    )
 
 
 def _sum_arguments(f: sp.Expr, coordinates: Sequence[sp.Symbol]) -> list[sp.Symbol]:
@@ -228,24 +246,34 @@ def text(sheet: Sheet) -> str:
     if sheet.source:
         lines += [f"source: {one_line(sheet.source)}", ""]
     table = [
-        (e.name.text(), "" if e.value is None else f"= {_value(e.value)}", f"[{e.unit}]", one_line(e.meaning))
+        (
+            e.name.text(),
+            "" if e.value is None else f"= {_value(e.value)}",
+            f"[{e.unit}]",
+            one_line(e.meaning),
+        )
         for e in sheet.symbols
     ]
     widths = [max((len(line[k]) for line in table), default=0) for k in range(3)]
     lines += ["Symbols", ""]
     lines += [
-        "  " + "  ".join([*(part.ljust(w) for part, w in zip(line, widths, strict=False)), line[3]]) for line in table
+        "  " + "  ".join([*(part.ljust(w) for part, w in zip(line, widths, strict=False)), line[3]])
+        for line in table
     ]
     if short:
         lines += ["", "Abbreviations", ""]
         for f, names in short.items():
             angle = " + ".join(symbol.name for symbol in _sum_arguments(f, sheet.coordinates))
-            lines.append(f"  {names[0].ljust(max(len(n[0]) for n in short.values()))} = {f.func.__name__}({angle})")
+            lines.append(
+                f"  {names[0].ljust(max(len(n[0]) for n in short.values()))} = {f.func.__name__}({angle})"
+            )
     for section in sheet.sections:
         lines += ["", section.title + (f":  {section.statement}" if section.statement else "")]
         lines += [""] if section.rows else []
         width = max((len(row.text()) for row in section.rows), default=0)
-        lines += [f"  {row.text().ljust(width)} = {printer.doprint(row.value)}" for row in section.rows]
+        lines += [
+            f"  {row.text().ljust(width)} = {printer.doprint(row.value)}" for row in section.rows
+        ]
     return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
@@ -271,7 +299,11 @@ def latex(sheet: Sheet) -> str:
     ]
     if sheet.source:
         lines += [r"\textit{Source:} " + escape_latex(sheet.source), ""]
-    lines += [r"\subsection*{Symbols}", r"\begin{longtable}{@{}llll@{}}", r"symbol & value & unit & meaning \\ \hline"]
+    lines += [
+        r"\subsection*{Symbols}",
+        r"\begin{longtable}{@{}llll@{}}",
+        r"symbol & value & unit & meaning \\ \hline",
+    ]
     for entry in sheet.symbols:
         value = (
             ""
@@ -285,15 +317,22 @@ def latex(sheet: Sheet) -> str:
         )
     lines.append(r"\end{longtable}")
     if short:
-        sums = {f: " + ".join(names[symbol] for symbol in _sum_arguments(f, sheet.coordinates)) for f in short}
+        sums = {
+            f: " + ".join(names[symbol] for symbol in _sum_arguments(f, sheet.coordinates))
+            for f in short
+        }
         lines.append("Abbreviations:")
-        lines += _align([rf"{both[1]} &= \{f.func.__name__}({sums[f]})" for f, both in short.items()])
+        lines += _align(
+            [rf"{both[1]} &= \{f.func.__name__}({sums[f]})" for f, both in short.items()]
+        )
     for section in sheet.sections:
         lines += ["", rf"\subsection*{{{escape_latex(section.title)}}}"]
         if section.statement_latex:
             lines.append(rf"\[ {section.statement_latex} \]")
         if section.rows:
-            lines += _align([rf"{row.latex()} &= {_break_lines(row.value, printer)}" for row in section.rows])
+            lines += _align(
+                [rf"{row.latex()} &= {_break_lines(row.value, printer)}" for row in section.rows]
+            )
     return "\n".join([*lines, r"\end{document}"]) + "\n"
 
 
@@ -313,7 +352,9 @@ def _pieces(expr: sp.Expr, printer: LatexPrinter) -> list[str]:
         source = printer.doprint(term)
         sign = "" if source.startswith("-") or k == 0 else "+ "
         if len(source) > _LINE and len(brackets) == 1:
-            outside = printer.doprint(sp.Mul(*[part for part in term.args if part is not brackets[0]]))
+            outside = printer.doprint(
+                sp.Mul(*[part for part in term.args if part is not brackets[0]])
+            )
             inner = _pieces(brackets[0], printer)
             inner[0], inner[-1] = rf"{sign}{outside} \bigl( {inner[0]}", rf"{inner[-1]} \bigr)"
             out += inner

@@ -59,14 +59,22 @@ class TrigonometricRing:
         light: Sequence[sp.Symbol] = (),
         absolute: Rows = (),
     ) -> None:
-        self.constants, self.angles, self.heavy, self.light = tuple(constants), tuple(angles), heavy, light
+        self.constants, self.angles, self.heavy, self.light = (
+            tuple(constants),
+            tuple(angles),
+            heavy,
+            light,
+        )
         self.n = len(self.constants)
         self._trig = [sp.Dummy(f"{f}_{a}", real=True) for a in self.angles for f in ("c", "s")]
         self.ring = PolyRing([*self.constants, *self._trig], sp.QQ, lex)
         self.zero, self.one = self.ring.zero, self.ring.one
         self._at = {symbol: i for i, symbol in enumerate(self.ring.symbols)}
         gens = self.ring.gens
-        self._squares = {self.n + 2 * i + 1: self.one - gens[self.n + 2 * i] ** 2 for i in range(len(self.angles))}
+        self._squares = {
+            self.n + 2 * i + 1: self.one - gens[self.n + 2 * i] ** 2
+            for i in range(len(self.angles))
+        }
         for vector in unit_vectors:
             others = [gens[self._at[symbol]] ** 2 for symbol in vector[:-1]]
             self._squares[self._at[vector[-1]]] = self.one - sum(others, self.zero)
@@ -105,11 +113,15 @@ class TrigonometricRing:
                     if monomial[i] >= 2:
                         powers = list(monomial) if powers is None else powers
                         powers[i] = monomial[i] % 2
-                        factor = square ** (monomial[i] // 2) * (self.one if factor is None else factor)
+                        factor = square ** (monomial[i] // 2) * (
+                            self.one if factor is None else factor
+                        )
                 if factor is None:
                     kept[monomial] = coefficient
                 else:
-                    changed = changed + factor * self.ring.from_dict({tuple(powers or ()): coefficient})
+                    changed = changed + factor * self.ring.from_dict(
+                        {tuple(powers or ()): coefficient}
+                    )
             if not changed:
                 return p
             p = changed + self.ring.from_dict(kept)
@@ -130,7 +142,10 @@ class TrigonometricRing:
 
     def cross(self, a: Vector3, b: Vector3) -> Vector3:
         """Vector product."""
-        return [self.reduce(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]) for i in range(3)]
+        return [
+            self.reduce(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
+            for i in range(3)
+        ]
 
     def multiply(self, A: Matrix3, b: Vector3) -> Vector3:
         """Product of a matrix and a vector."""
@@ -140,8 +155,14 @@ class TrigonometricRing:
         """Rotation about a unit axis by the angle with cosine ``c`` and sine ``s`` (Rodrigues)."""
         x, y, z = axis
         skew = [[self.zero, -z, y], [z, self.zero, -x], [-y, x, self.zero]]
-        turn = [[axis[i] * axis[j] * (self.one - c) + skew[i][j] * s for j in range(3)] for i in range(3)]
-        return [[self.reduce(turn[i][j] + (c if i == j else self.zero)) for j in range(3)] for i in range(3)]
+        turn = [
+            [axis[i] * axis[j] * (self.one - c) + skew[i][j] * s for j in range(3)]
+            for i in range(3)
+        ]
+        return [
+            [self.reduce(turn[i][j] + (c if i == j else self.zero)) for j in range(3)]
+            for i in range(3)
+        ]
 
     # --- equal forms ----------------------------------------------------------------------------------------------
 
@@ -156,7 +177,10 @@ class TrigonometricRing:
                 for key, part in groups:
                     shared, rest = _extract_common(part, self.n)
                     parts.append(
-                        _times(key.as_expr() * shared, self._find_shortest(rest, [[None], [self.light, None]]))
+                        _times(
+                            key.as_expr() * shared,
+                            self._find_shortest(rest, [[None], [self.light, None]]),
+                        )
                     )
                 found.append(sp.Add(*parts))
         return _times(common, min(found, key=sp.count_ops))
@@ -168,7 +192,9 @@ class TrigonometricRing:
         found = []
         for form, functions in self._forms(p):
             trig = list(functions)
-            for order in orders if len(form) <= MAX_TERMS_TIDIED else [[self.heavy, self.light, trig]]:
+            for order in (
+                orders if len(form) <= MAX_TERMS_TIDIED else [[self.heavy, self.light, trig]]
+            ):
                 levels = [trig if level is None else level for level in order]
                 found.append(_nest(form, levels).xreplace(functions))
         return min(found, key=sp.count_ops)
@@ -200,26 +226,33 @@ class TrigonometricRing:
             q = self.zero
             for frequency, (c, s) in waves.items():
                 turned = (
-                    sum(f * x for f, x in zip(frequency, column, strict=True)) for column in zip(*inverse, strict=True)
+                    sum(f * x for f, x in zip(frequency, column, strict=True))
+                    for column in zip(*inverse, strict=True)
                 )
                 real, imaginary = self._powers(tuple(turned))
                 q = q + c * real + s * imaginary
             q = self.reduce(q)
             yield q, self._functions(basis)
-            for i in range(self.n, self.n + len(self._trig), 2):  # squares of sines instead of those of cosines
+            # squares of sines instead of those of cosines
+            for i in range(self.n, self.n + len(self._trig), 2):
                 q = self._without_squares(q, i, self.one - self.ring.gens[i + 1] ** 2)
             yield q, self._functions(basis)
 
     def _functions(self, basis: Rows) -> dict[sp.Dummy, sp.Expr]:
         """Expressions of the generators of cosines and sines where they mean sums of the angles."""
-        angles = [sum((k * a for k, a in zip(row, self.angles, strict=True)), sp.Integer(0)) for row in basis]
+        angles = [
+            sum((k * a for k, a in zip(row, self.angles, strict=True)), sp.Integer(0))
+            for row in basis
+        ]
         values = [f(angle) for angle in angles for f in (sp.cos, sp.sin)]
         return dict(zip(self._trig, values, strict=True))
 
     def _without_squares(self, p: Element, i: int, square: Element) -> Element:
         out = self.zero
         for monomial, coefficient in p.items():
-            rest = self.ring.from_dict({(*monomial[:i], monomial[i] % 2, *monomial[i + 1 :]): coefficient})
+            rest = self.ring.from_dict(
+                {(*monomial[:i], monomial[i] % 2, *monomial[i + 1 :]): coefficient}
+            )
             out = out + rest * square ** (monomial[i] // 2)
         return out
 
@@ -250,7 +283,9 @@ def _extract_common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]
         return sp.Integer(0), p
     ring = p.ring
     powers = tuple(min(k) if n is None or i < n else 0 for i, k in enumerate(zip(*p, strict=True)))
-    rest = ring.from_dict({tuple(x - y for x, y in zip(m, powers, strict=True)): k for m, k in p.items()})
+    rest = ring.from_dict(
+        {tuple(x - y for x, y in zip(m, powers, strict=True)): k for m, k in p.items()}
+    )
     number, rest = rest.primitive()
     if len(rest) == 1 and rest.LC < 0:
         number, rest = -number, -rest
@@ -259,7 +294,11 @@ def _extract_common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]
 
 def _extract_sign(inner: sp.Expr) -> tuple[int, sp.Expr]:
     """The sign of most terms of a sum, and the sum without it."""
-    negative = sum(1 if term.could_extract_minus_sign() else -1 for term in inner.args) if inner.is_Add else 0
+    negative = (
+        sum(1 if term.could_extract_minus_sign() else -1 for term in inner.args)
+        if inner.is_Add
+        else 0
+    )
     return (-1, sp.Add(*[-term for term in inner.args])) if negative > 0 else (1, inner)
 
 
@@ -278,7 +317,10 @@ def _group(p: Element, by: Sequence[sp.Symbol]) -> list[tuple[Element, Element]]
         key = tuple(k if i in present else 0 for i, k in enumerate(monomial))
         rest = tuple(0 if i in present else k for i, k in enumerate(monomial))
         groups.setdefault(key, {})[rest] = coefficient
-    return [(ring.from_dict({key: ring.domain.one}), ring.from_dict(part)) for key, part in groups.items()]
+    return [
+        (ring.from_dict({key: ring.domain.one}), ring.from_dict(part))
+        for key, part in groups.items()
+    ]
 
 
 def _nest(p: Element, levels: Sequence[Sequence[sp.Symbol]]) -> sp.Expr:
@@ -289,7 +331,11 @@ def _nest(p: Element, levels: Sequence[Sequence[sp.Symbol]]) -> sp.Expr:
     factors = _factor(p) if len(p) <= MAX_TERMS_FACTORED else [(p, 1)]
     if len(factors) > 1 or factors[0][1] > 1:
         signed = [(_extract_sign(_nest(part, levels)), power) for part, power in factors]
-        return sp.Mul(common, *[sign**power for (sign, _), power in signed], *[x**power for (_, x), power in signed])
+        return sp.Mul(
+            common,
+            *[sign**power for (sign, _), power in signed],
+            *[x**power for (_, x), power in signed],
+        )
     groups: list[tuple[Element, Element]] = []
     while levels and len(groups) <= 1:
         groups, levels = _group(p, levels[0]), levels[1:]
@@ -319,7 +365,10 @@ def _factor(p: Element) -> list[tuple[Element, int]]:
     place = {i: k for k, i in enumerate(used)}
 
     def back(part: Element) -> Element:
-        monomials = {tuple(m[place[i]] if i in place else 0 for i in range(ring.ngens)): c for m, c in part.items()}
+        monomials = {
+            tuple(m[place[i]] if i in place else 0 for i in range(ring.ngens)): c
+            for m, c in part.items()
+        }
         return ring.from_dict(monomials)
 
     if linear:
@@ -351,7 +400,9 @@ def _expand(powers: tuple[int, ...]) -> dict[tuple[int, ...], tuple[Any, Any]]:
                     new[k + step] = (old[0] + add[0], old[1] + add[1])
             line = new
         waves = {
-            (*f, k): (a * re - b * im, a * im + b * re) for f, (a, b) in waves.items() for k, (re, im) in line.items()
+            (*f, k): (a * re - b * im, a * im + b * re)
+            for f, (a, b) in waves.items()
+            for k, (re, im) in line.items()
         }
     out: dict[tuple[int, ...], tuple[Any, Any]] = {}
     for frequency, (re, im) in waves.items():

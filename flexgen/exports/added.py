@@ -53,5 +53,7 @@ def export(kind: str, model: str | Path | RobotModel | Equations, out: str | Pat
     found = extension("exports", kind)(robot, Path(out))
     files = tuple(Path(x) for x in ([found] if isinstance(found, str | Path) else found or ()))
     if not files or not all(path.is_file() for path in files):
-        raise ArgumentError(f"exporter {kind}: given {found!r}, expected the paths of the files that it wrote")
+        raise ArgumentError(
+            f"exporter {kind}: given {found!r}, expected the paths of the files that it wrote"
+        )
     return Exported(kind, robot.name, Path(out), tuple(sorted(files)), robot.variant)

@@ -80,18 +80,30 @@ class Emitted:
     @property
     def stream(self) -> StreamOptions | None:
         """Recommended options of a stream; None where the home pose has none."""
-        found = [_option(self.header, self.name, word) for word in ("PERIOD", "INTERVALS", "SAMPLES_PER_INTERVAL")]
+        found = [
+            _option(self.header, self.name, word)
+            for word in ("PERIOD", "INTERVALS", "SAMPLES_PER_INTERVAL")
+        ]
         tolerance = _option(self.header, self.name, "TOLERANCE")
         if None in found or tolerance is None:
             return None
-        return StreamOptions(float(found[0] or 0), int(found[1] or 0), int(found[2] or 0), float(tolerance))
+        return StreamOptions(
+            float(found[0] or 0), int(found[1] or 0), int(found[2] or 0), float(tolerance)
+        )
 
     def texts(self) -> dict[str, str]:
         """Header and source by file name."""
         return {f"{self.name}.h": self.header, f"{self.name}.c": self.source}
 
     def write(
-        self, kind: str, directory: Any, texts: Mapping[str, str], *, force: bool, default: str = "", **more: Any
+        self,
+        kind: str,
+        directory: Any,
+        texts: Mapping[str, str],
+        *,
+        force: bool,
+        default: str = "",
+        **more: Any,
     ) -> Exported:
         """Write the texts of an export to a folder; ``default``: below ``exports``, where none is given."""
         folder = folder_of(directory, default or f"{self.name}_{kind}")
@@ -120,7 +132,11 @@ def resolve(model: ModelLike) -> Equations:
 
 
 def emit(
-    model: ModelLike, *, precision: PrecisionName = "double", streams: bool = False, parts: tuple[str, ...] = ()
+    model: ModelLike,
+    *,
+    precision: PrecisionName = "double",
+    streams: bool = False,
+    parts: tuple[str, ...] = (),
 ) -> Emitted:
     """The library of a model, in two files.
 
@@ -158,11 +174,19 @@ def _generate(equations: Equations, precision: PrecisionName, parts: tuple[str, 
     """The library, derived and written."""
     with tempfile.TemporaryDirectory(prefix="flexgen-") as folder:
         made = generate(
-            equations, folder, build=False, precision=precision, parts=parts, amalgamate=True, progress=False
+            equations,
+            folder,
+            build=False,
+            precision=precision,
+            parts=parts,
+            amalgamate=True,
+            progress=False,
         )
         name = library_name(equations.model)
         manifest = json.loads((made.directory / "manifest.json").read_text(encoding="utf-8"))
-        header, source = ((made.directory / f"{name}.{end}").read_text(encoding="ascii") for end in "hc")
+        header, source = (
+            (made.directory / f"{name}.{end}").read_text(encoding="ascii") for end in "hc"
+        )
     return Emitted(equations, name, manifest, header, source)
 
 

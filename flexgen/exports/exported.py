@@ -82,7 +82,8 @@ class Exported(Result):
             files = [f"{line}: {what}" for line, what in zip(files, self.contents, strict=True)]
         return "\n".join([*files, *(f"note: {note}" for note in self.notes)])
 
-    if not TYPE_CHECKING:  # results of version 0.2: a path (mujoco), two paths (urdf), an object of its own (fmu)
+    # results of version 0.2: a path (mujoco), two paths (urdf), an object of its own (fmu)
+    if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
             if name.startswith("_"):
@@ -94,17 +95,25 @@ class Exported(Result):
                 old, new = getattr(self.path, name), f"path.{name}"
             elif name != "name":
                 raise AttributeError(f"Exported has no attribute {name!r}")
-            warn_of_old(f"result of export_{self.kind}: given .{name}, expected its new place, .{new}")
+            warn_of_old(
+                f"result of export_{self.kind}: given .{name}, expected its new place, .{new}"
+            )
             return old
 
         def __getitem__(self, index: Any) -> Any:
             if self.kind != "urdf":
-                raise TypeError(f"the result of export_{self.kind} is not a sequence; its files are .files")
-            warn_of_old("result of export_urdf: given a pair of paths, expected .files, the URDF file and the overlay")
+                raise TypeError(
+                    f"the result of export_{self.kind} is not a sequence; its files are .files"
+                )
+            warn_of_old(
+                "result of export_urdf: given a pair of paths, expected .files, the URDF file and the overlay"
+            )
             return self.files[index]
 
 
-def exported(model: RobotModel, kind: str, files: tuple[Path, ...], contents: tuple[str, ...], **more: Any) -> Exported:
+def exported(
+    model: RobotModel, kind: str, files: tuple[Path, ...], contents: tuple[str, ...], **more: Any
+) -> Exported:
     """The result of an export of files, the main one first."""
     return Exported(kind, model.name, files[0], files, model.variant, contents, **more)
 

@@ -27,7 +27,14 @@ from flexgen.analysis.mechanisms import mechanisms
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.exports.exported import Exported, exported, left_out
-from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refusal, with_friction
+from flexgen.exports.mujoco_checks import (
+    Drive,
+    FrictionName,
+    check_laws,
+    drives,
+    refusal,
+    with_friction,
+)
 from flexgen.exports.mujoco_forces import FAR, add_actuators, add_constraints, add_tendons
 from flexgen.exports.mujoco_inertia import principal, regroup
 from flexgen.exports.poses import chain, frame_about, pose_attributes
@@ -44,7 +51,9 @@ from flexgen.version import __version__
 
 LEAST = 2e-15  # kg and kg m^2: of a body without mass; MuJoCo takes nothing below 1e-15
 SHARE = 1e-10  # that `LEAST` may be of the inertia of the robot
-STEP = 0.1  # time step of the file times the fastest pole: the error of a step of RK4 is below 1e-6 of the motion
+# time step of the file times the fastest pole: the error of a step of RK4 is below 1e-6 of the
+# motion
+STEP = 0.1
 STEP_MAX = 1e-3  # s
 
 NOTES = {
@@ -56,7 +65,9 @@ _JOINTS = {"rotation": "hinge", "translation": "slide"}
 
 
 @checked_types
-def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction: FrictionName = "exact") -> Exported:
+def export_mujoco(
+    model: str | Path | RobotModel, path: str | Path, *, friction: FrictionName = "exact"
+) -> Exported:
     """Write a robot as an MJCF file for MuJoCo (3.7 or later for cubic and smooth springs, else 3.3.5).
 
     Joints have the names of the arm coordinates, ``rotor.NAME`` are the angles of the motors behind elastic gears
@@ -169,7 +180,9 @@ class _Writer:
         for element in model.elements:
             places.append(chain(tips[model.parents[element.name]], element.origin))
             R = np.array(element.link.rotation)
-            tensors.append(R @ (np.array(element.body.inertia) - self._carried_inertia(element.name)) @ R.T)
+            tensors.append(
+                R @ (np.array(element.body.inertia) - self._carried_inertia(element.name)) @ R.T
+            )
         tensors = regroup(model, tensors, [np.array(place.rotation) for place in places])
         holders = {"base": world}
         for element, place, tensor in zip(model.elements, places, tensors, strict=True):
@@ -188,8 +201,11 @@ class _Writer:
         tool = chain(tip, model.tool)
         self._capsule(holder, tool.position)
         if payload.mass > 0.0:
-            body = add(holder, "body", name="payload.", **pose_attributes(tip))  # no element has this name
-            self._inertial(body, payload.mass, np.array(payload.com), np.array(payload.inertia), moving=False)
+            # no element has this name
+            body = add(holder, "body", name="payload.", **pose_attributes(tip))
+            self._inertial(
+                body, payload.mass, np.array(payload.com), np.array(payload.inertia), moving=False
+            )
         add(holder, "site", name="tool", size=0.03 * self.size, **pose_attributes(tool))
 
     def _joint(self, body: Element, dof: Dof) -> None:
@@ -208,9 +224,16 @@ class _Writer:
         _set_positive(joint, damping=damping, armature=armature, frictionloss=dry)
         if (ends := (dof.lower, dof.upper)) != (None, None):
             joint.set("limited", "false")
-            joint.set("range", numbers([far if x is None else x for x, far in zip(ends, (-FAR, FAR), strict=True)]))
+            joint.set(
+                "range",
+                numbers(
+                    [far if x is None else x for x, far in zip(ends, (-FAR, FAR), strict=True)]
+                ),
+            )
 
-    def _inertial(self, body: Element, mass: float, center: np.ndarray, tensor: np.ndarray, *, moving: bool) -> None:
+    def _inertial(
+        self, body: Element, mass: float, center: np.ndarray, tensor: np.ndarray, *, moving: bool
+    ) -> None:
         """Mass and inertia; a moving body has at least `LEAST` of both."""
         if not moving and mass == 0.0 and not tensor.any():
             return
@@ -259,10 +282,16 @@ class _Writer:
 
     def _home(self, root: Element, rest: Equilibrium) -> None:
         values = {c.name: float(x) for c, x in zip(self.model.coordinates, rest.q_a, strict=True)}
-        values |= {name: sum(x * values[k] for k, x in own.items()) for name, own in mechanisms(self.model).items()}
-        values |= {f"rotor.{m.name}": float(x) for m, x in zip(self.model.motors, rest.q_m, strict=True)}
+        values |= {
+            name: sum(x * values[k] for k, x in own.items())
+            for name, own in mechanisms(self.model).items()
+        }
+        values |= {
+            f"rotor.{m.name}": float(x) for m, x in zip(self.model.motors, rest.q_m, strict=True)
+        }
         frame = add(root, "keyframe")
-        names = [joint.attrib["name"] for joint in root.iter("joint") if "name" in joint.attrib]  # those of bodies
+        # those of bodies
+        names = [joint.attrib["name"] for joint in root.iter("joint") if "name" in joint.attrib]
         add(frame, "key", name="home", qpos=[values[name] for name in names], ctrl=rest.tau_m)
 
     def _check_share(self) -> None:
@@ -273,7 +302,9 @@ class _Writer:
         added = self.small * LEAST * (1.0 + self.size**2)
         least = float(np.linalg.eigvalsh(mass_matrix(model, q))[0])
         if added > SHARE * least:
-            given = f"an inertia of {least:.3g} kg m^2 (least eigenvalue of the mass matrix at home)"
+            given = (
+                f"an inertia of {least:.3g} kg m^2 (least eigenvalue of the mass matrix at home)"
+            )
             expected = f"at least {added / SHARE:.3g} kg m^2: MuJoCo's bodies have at least {LEAST:g} kg m^2 each"
             raise refusal(model, "element", given, expected)
 

@@ -50,19 +50,28 @@ def with_friction(model: RobotModel, kind: str) -> RobotModel:
         return model
 
     def less(friction: Friction) -> Friction:
-        return Friction(friction.viscous_at(model.temperature), friction.coulomb if kind == "dry" else 0.0)
+        return Friction(
+            friction.viscous_at(model.temperature), friction.coulomb if kind == "dry" else 0.0
+        )
 
     elements = tuple(
-        replace(e, dofs=tuple(replace(dof, friction=less(dof.friction)) for dof in e.dofs)) for e in model.elements
+        replace(e, dofs=tuple(replace(dof, friction=less(dof.friction)) for dof in e.dofs))
+        for e in model.elements
     )
-    return replace(model, elements=elements, motors=tuple(replace(m, friction=less(m.friction)) for m in model.motors))
+    return replace(
+        model,
+        elements=elements,
+        motors=tuple(replace(m, friction=less(m.friction)) for m in model.motors),
+    )
 
 
 def check_laws(model: RobotModel, dry: bool) -> None:
     """Refuse beams and laws of forces that MuJoCo does not have; ``dry``: Coulomb friction is accepted."""
     for element in model.elements:
         if element.beam is not None:
-            raise refusal(model, f"element.{element.name}.beam", "a beam with assumed modes", "rigid bodies")
+            raise refusal(
+                model, f"element.{element.name}.beam", "a beam with assumed modes", "rigid bodies"
+            )
         for dof in element.dofs:
             here = f"element.{element.name}.dof.{dof.name}"
             spring = dof.spring or (dof.gear.spring if dof.gear is not None else None)
@@ -80,12 +89,18 @@ def check_laws(model: RobotModel, dry: bool) -> None:
 def _check_friction(model: RobotModel, key: str, friction: Friction, dry: bool) -> None:
     other = 'or friction = "viscous" (leaves the others out), or "dry" (Coulomb friction as MuJoCo has it)'
     if type(friction) is not Friction:
-        raise refusal(model, key, f"the friction law {type(friction).__name__}", f"viscous friction, {other}")
+        raise refusal(
+            model, key, f"the friction law {type(friction).__name__}", f"viscous friction, {other}"
+        )
     for name in ("coulomb", "stribeck", "offset"):
         value = getattr(friction, name)
         if value and not dry:
-            what = "a constant torque" if name == "offset" else "which is a function tanh of the speed"
-            raise refusal(model, f"{key}.{name}", f"{value:g}, {what}", f"viscous friction, {other}")
+            what = (
+                "a constant torque" if name == "offset" else "which is a function tanh of the speed"
+            )
+            raise refusal(
+                model, f"{key}.{name}", f"{value:g}, {what}", f"viscous friction, {other}"
+            )
 
 
 def drives(model: RobotModel) -> tuple[Drive, ...]:
@@ -104,7 +119,9 @@ def drives(model: RobotModel) -> tuple[Drive, ...]:
         joints = {**ratios, **(turning or {})}
         if j not in model.i_m and motor.inertia and not on_one_chain(model, joints):
             given = f"a rotor behind rigid gears that turns with joints on several branches ({', '.join(joints)})"
-            raise refusal(model, f"motor.{motor.name}.drives", given, "elastic gears, or joints on one chain")
+            raise refusal(
+                model, f"motor.{motor.name}.drives", given, "elastic gears, or joints on one chain"
+            )
         out.append(Drive(motor, j in model.i_m, ratios, turning))
     return tuple(out)
 
@@ -118,9 +135,7 @@ def _turning(model: RobotModel, j: int) -> dict[str, float] | None:
     assert motor.carrier is not None and motor.axis is not None
     spin = common_axis(model, motor.carrier)
     if spin is None:
-        given = (
-            f"complete coupling of a motor with a rigid gear on {motor.carrier}, which turns about several directions"
-        )
+        given = f"complete coupling of a motor with a rigid gear on {motor.carrier}, which turns about several directions"
         expected = 'an elastic gear, or motor_coupling = "simplified"'
         raise refusal(model, f"motor.{motor.name}.carrier", given, expected)
     along = float(spin[0] @ np.array(motor.axis))

@@ -14,9 +14,17 @@ from flexgen.analysis.mechanisms import held_axes, lengths_of_mechanisms, mechan
 from flexgen.exports.mujoco_checks import Drive, common_axis, refusal
 from flexgen.exports.xml_text import add, numbers
 from flexgen.mechanics.lagrangian import gears
-from flexgen.model.elements import BacklashSpring, CubicSpring, LinearSpring, RobotModel, SmoothSpring, Spring
+from flexgen.model.elements import (
+    BacklashSpring,
+    CubicSpring,
+    LinearSpring,
+    RobotModel,
+    SmoothSpring,
+    Spring,
+)
 
-STIFF, CLOSE = 4.0, 0.9999  # time steps in which a constraint is met; part of a force that it takes at once
+# time steps in which a constraint is met; part of a force that it takes at once
+STIFF, CLOSE = 4.0, 0.9999
 FAR = 1e9  # rad or m: a spring whose range begins there acts in one direction only
 
 
@@ -37,7 +45,13 @@ def add_tendons(model: RobotModel, drives: Sequence[Drive], tendons: Element) ->
 def add_constraints(model: RobotModel, step: float, equalities: Element) -> None:
     """Hold the axes that mechanisms move; ``step`` [s]: of the file."""
     for name in mechanisms(model):
-        add(equalities, "tendon", tendon1=f"mechanism.{name}", solref=(STIFF * step, 1.0), solimp=(CLOSE, CLOSE, 1e-3))
+        add(
+            equalities,
+            "tendon",
+            tendon1=f"mechanism.{name}",
+            solref=(STIFF * step, 1.0),
+            solimp=(CLOSE, CLOSE, 1e-3),
+        )
 
 
 def add_actuators(drives: Sequence[Drive], actuators: Element) -> None:
@@ -62,11 +76,16 @@ def _gears(model: RobotModel, tendons: Element) -> None:
     for k, (i, (gear, factor)) in enumerate(zip(model.i_g, gears(model), strict=True)):
         if gear.spring is not None:
             name = model.coordinates[i].name
-            ends = {f"rotor.{motor.name}": factor * inverse[k, j] for j, motor in enumerate(model.motors)}
+            ends = {
+                f"rotor.{motor.name}": factor * inverse[k, j]
+                for j, motor in enumerate(model.motors)
+            }
             _spring(tendons, f"gear.{name}", gear.spring, gear.damping, {**ends, name: -factor})
 
 
-def _spring(tendons: Element, name: str, spring: Spring, damping: float, ends: Mapping[str, float]) -> None:
+def _spring(
+    tendons: Element, name: str, spring: Spring, damping: float, ends: Mapping[str, float]
+) -> None:
     """A spring as a sum of tendons: one for small deflections, and what changes beyond the break.
 
     Beyond the break at b, with e = |d| - b: a piecewise spring adds (high - low) e, a smooth one -(high - low)
@@ -91,11 +110,15 @@ def _rigid_drive(tendons: Element, drive: Drive) -> None:
     """A motor behind rigid gears that drives several joints, or turns with its carrier."""
     motor, ratios, turning = drive.motor, drive.ratios, drive.turning or {}
     if len(ratios) > 1 or turning:
-        made = _tendon(tendons, f"drive.{motor.name}", ratios, [0.0], damping=motor.friction.viscous)
+        made = _tendon(
+            tendons, f"drive.{motor.name}", ratios, [0.0], damping=motor.friction.viscous
+        )
         if motor.friction.coulomb:
             made.set("frictionloss", numbers(motor.friction.coulomb))
         speed = {key: ratios.get(key, 0.0) + turning.get(key, 0.0) for key in {**ratios, **turning}}
-        _tendon(tendons, f"rotor.{motor.name}", speed, [0.0]).set("armature", numbers(motor.inertia))
+        _tendon(tendons, f"rotor.{motor.name}", speed, [0.0]).set(
+            "armature", numbers(motor.inertia)
+        )
 
 
 def _mechanisms(model: RobotModel, tendons: Element) -> None:
@@ -103,7 +126,10 @@ def _mechanisms(model: RobotModel, tendons: Element) -> None:
     armatures, loose = held_axes(model)
     if loose:
         raise refusal(
-            model, loose, "an axis that moves without inertia where no mechanism holds it", "one with inertia"
+            model,
+            loose,
+            "an axis that moves without inertia where no mechanism holds it",
+            "one with inertia",
         )
     for name, ends in lengths_of_mechanisms(model).items():
         _tendon(tendons, f"mechanism.{name}", ends, [0.0]).set("armature", numbers(armatures[name]))

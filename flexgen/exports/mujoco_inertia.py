@@ -38,7 +38,9 @@ def free_directions(axes: list[np.ndarray]) -> np.ndarray | None:
     return np.eye(3) - np.outer(first, first)
 
 
-def regroup(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndarray]) -> list[np.ndarray]:
+def regroup(
+    model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndarray]
+) -> list[np.ndarray]:
     """Tensors with the same dynamics that satisfy MuJoCo's condition.
 
     Parameters

@@ -19,12 +19,17 @@ from flexgen.spec.schema import write
 def beam_or_drag(model: RobotModel) -> None:
     """Refuse what an overlay has no key for."""
     for element in model.elements:
-        for key, there in (("beam", element.beam is not None), ("body.rotational_drag", element.body.rotational_drag)):
+        for key, there in (
+            ("beam", element.beam is not None),
+            ("body.rotational_drag", element.body.rotational_drag),
+        ):
             if there:
                 given, expected = f"a {key.rpartition('.')[2]}", "for URDF an element without it"
                 raise ModelError(model.file, 0, f"element.{element.name}.{key}", given, expected)
     if model.payload.rotational_drag:
-        raise ModelError(model.file, 0, "payload.rotational_drag", "a drag", "for URDF a payload without it")
+        raise ModelError(
+            model.file, 0, "payload.rotational_drag", "a drag", "for URDF a payload without it"
+        )
 
 
 def output_table(model: RobotModel) -> dict[str, Any]:
@@ -39,5 +44,7 @@ def output_table(model: RobotModel) -> dict[str, Any]:
 
 def sensor_table(sensor: Sensor, shifts: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """A sensor; ``shifts``: position of the body frame of each element in the frame of its link."""
-    position = np.array(sensor.position) + (shifts.get(sensor.place, np.zeros(3)) if sensor.place != TOOL else 0.0)
+    position = np.array(sensor.position) + (
+        shifts.get(sensor.place, np.zeros(3)) if sensor.place != TOOL else 0.0
+    )
     return write(SENSOR, replace(sensor, position=tuple(position.tolist())))

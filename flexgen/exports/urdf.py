@@ -114,7 +114,8 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
         steps = _steps(robot)
         text = urdf_text(robot, steps)
         follow_links(path.parent).mkdir(parents=True, exist_ok=True)
-        with staging_folder(path.parent) as folder:  # read back what is written before it takes the place of others
+        # read back what is written before it takes the place of others
+        with staging_folder(path.parent) as folder:
             (folder / path.name).write_text(text, encoding="utf-8")
             tables = overlay_text(robot, steps, path.name, folder)
             (folder / overlay.name).write_text(tables, encoding="utf-8")
@@ -145,7 +146,9 @@ def _check_targets(model: RobotModel, path: Path, overlay: Path) -> None:
             )
         folder = Path(os.path.realpath(target)).parent
         if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
-            raise ArgumentError(f"{given}, in a folder that cannot be written; choose a folder that you may write")
+            raise ArgumentError(
+                f"{given}, in a folder that cannot be written; choose a folder that you may write"
+            )
     if os.path.lexists(overlay) and not _is_ours(overlay):
         raise ArgumentError(
             f"path: given {str(path)!r}, whose overlay would replace {str(overlay)!r}, a file that flexgen did not "
@@ -169,7 +172,11 @@ def _is_ours(overlay: Path) -> bool:
 def _steps(model: RobotModel) -> list[Step]:
     """The links after the ground, and the tip if its frame is not that of the last link."""
     beam_or_drag(model)
-    for kind, named in (("element", model.elements), ("dof", model.coordinates), ("motor", model.motors)):
+    for kind, named in (
+        ("element", model.elements),
+        ("dof", model.coordinates),
+        ("motor", model.motors),
+    ):
         for name in (one.name for one in named):
             if problem := identifier_problem(name):
                 raise ModelError(model.file, 0, f"{kind}.name", show(name), problem)
@@ -185,17 +192,40 @@ def _steps(model: RobotModel) -> list[Step]:
         groups = _groups(element)
         for k, (before, dof, after) in enumerate(groups):
             last = k + 1 == len(groups)
-            link = element.name if last else _new_name(f"{element.name}_{dof.name if dof else k}", names)
+            link = (
+                element.name
+                if last
+                else _new_name(f"{element.name}_{dof.name if dof else k}", names)
+            )
             names.add(link)
             shift = turn.T @ np.array(element.link.position)
-            body = replace(element.body, com=tuple((shift + np.array(element.body.com)).tolist())) if last else Body()
+            body = (
+                replace(element.body, com=tuple((shift + np.array(element.body.com)).tolist()))
+                if last
+                else Body()
+            )
             joint = dof.name if dof is not None else _new_name(f"{element.name}_mount", coordinates)
             coordinates.add(joint)
             before, own, after = (
-                tuple(replace(d, axis=tuple((turn.T @ np.array(d.axis) + 0.0).tolist())) for d in group)
+                tuple(
+                    replace(d, axis=tuple((turn.T @ np.array(d.axis) + 0.0).tolist()))
+                    for d in group
+                )
                 for group in (before, (dof,) if dof else (), after)
             )
-            out.append(Step(link, joint, own[0] if own else None, before, after, position, rotation, body, parent))
+            out.append(
+                Step(
+                    link,
+                    joint,
+                    own[0] if own else None,
+                    before,
+                    after,
+                    position,
+                    rotation,
+                    body,
+                    parent,
+                )
+            )
             parent, position, rotation = link, np.zeros(3), np.eye(3)
         ends[element.name] = parent, shift
     parent, shift = ends[model.tip]
@@ -232,7 +262,9 @@ def _new_name(stem: str, taken: Iterable[str]) -> str:
 def urdf_text(model: RobotModel, steps: list[Step]) -> str:
     """The URDF file."""
     root = ElementTree.Element("robot", {"name": model.name})
-    root.append(ElementTree.Comment(f" rigid part of {model.title}, written by flexgen {__version__} "))
+    root.append(
+        ElementTree.Comment(f" rigid part of {model.title}, written by flexgen {__version__} ")
+    )
     ground = _ground(steps)
     add(root, "link", name=ground)
     efforts, joints = _efforts(model), {step.dof.name for step in steps if step.dof}
@@ -249,12 +281,22 @@ def urdf_text(model: RobotModel, steps: list[Step]) -> str:
 
 
 def _joint(
-    root: ElementTree.Element, step: Step, parent: str, efforts: Mapping[str, float], joints: Collection[str]
+    root: ElementTree.Element,
+    step: Step,
+    parent: str,
+    efforts: Mapping[str, float],
+    joints: Collection[str],
 ) -> None:
     dof = step.dof
     turns = dof is not None and dof.type == "rotation"
     ends = (None, None) if dof is None else (dof.lower, dof.upper)
-    kind = "fixed" if dof is None else ("continuous" if ends == (None, None) else "revolute") if turns else "prismatic"
+    kind = (
+        "fixed"
+        if dof is None
+        else ("continuous" if ends == (None, None) else "revolute")
+        if turns
+        else "prismatic"
+    )
     joint = add(root, "joint", name=step.joint, type=kind)
     add(joint, "parent", link=parent)
     add(joint, "child", link=step.link)
@@ -262,11 +304,16 @@ def _joint(
     if dof is None:
         return
     add(joint, "axis", xyz=dof.axis)
-    limit = add(joint, "limit", effort=efforts.get(dof.name, UNLIMITED), velocity=dof.speed_max or UNLIMITED)
+    limit = add(
+        joint, "limit", effort=efforts.get(dof.name, UNLIMITED), velocity=dof.speed_max or UNLIMITED
+    )
     if kind != "continuous":
-        for side, value, none in zip(("lower", "upper"), ends, (-UNLIMITED, UNLIMITED), strict=True):
+        for side, value, none in zip(
+            ("lower", "upper"), ends, (-UNLIMITED, UNLIMITED), strict=True
+        ):
             limit.set(side, repr(none if value is None else value))
-    if len(dof.mimic) == 1 and dof.mimic[0][0] in joints:  # sums of several, and elastic ones, are in the overlay only
+    # sums of several, and elastic ones, are in the overlay only
+    if len(dof.mimic) == 1 and dof.mimic[0][0] in joints:
         add(joint, "mimic", joint=dof.mimic[0][0], multiplier=dof.mimic[0][1])
     if dof.friction.viscous or dof.friction.coulomb:
         add(joint, "dynamics", damping=dof.friction.viscous, friction=dof.friction.coulomb)
@@ -292,33 +339,68 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     """The overlay of a URDF file in the same folder."""
     data: dict[str, Any] = {"name": model.name}
     data |= {key: value for key in ("description", "source") if (value := getattr(model, key))}
-    data |= {"gravity": model.gravity, "motor_coupling": model.motor_coupling, "home_rad": model.home}
-    data |= {"temperature": model.temperature} if model.temperature != MODEL["temperature"].default else {}
+    data |= {
+        "gravity": model.gravity,
+        "motor_coupling": model.motor_coupling,
+        "home_rad": model.home,
+    }
+    data |= (
+        {"temperature": model.temperature}
+        if model.temperature != MODEL["temperature"].default
+        else {}
+    )
     data["base"] = write(PLACEMENT, model.base)
     data["tool"] = write(PLACEMENT, model.tool)
-    data["tool"] |= {x: v for x in ("speed_max", "acceleration_max") if (v := getattr(model.tool, x, None))}
+    data["tool"] |= {
+        x: v for x in ("speed_max", "acceleration_max") if (v := getattr(model.tool, x, None))
+    }
     forms: dict[str, Any] = {"uncertainty": UNCERTAINTY, "servo": SERVO_TABLE}
-    data |= {key: write(form, value) for key, form in forms.items() if (value := getattr(model, key)) is not None}
+    data |= {
+        key: write(form, value)
+        for key, form in forms.items()
+        if (value := getattr(model, key)) is not None
+    }
     if model.payload.mass:
-        data["payload"] = write(BODY, model.payload) | ({"inertia_reduced": True} if _reduced(model.payload) else {})
+        data["payload"] = write(BODY, model.payload) | (
+            {"inertia_reduced": True} if _reduced(model.payload) else {}
+        )
     data["output"] = output_table(model)
     lines = [f"# {model.title}{_WRITTEN_BY}{__version__}: what {file} cannot contain"]
     lines += [f"{key} = {toml(value)}" for key, value in data.items() if value not in ({}, ())]
     tip = model.tip if steps[-1].link in model.parents else steps[-1].link
-    branches = [step.link for step in steps if step.link not in {tip, *(other.parent for other in steps)}]
-    ends = {"file": file, "base": _ground(steps), "tip": tip, "branches": branches, "limits": False, "dynamics": False}
-    lines += ["", "[urdf]", *(f"{key} = {toml(value)}" for key, value in ends.items() if value != [])]
+    branches = [
+        step.link for step in steps if step.link not in {tip, *(other.parent for other in steps)}
+    ]
+    ends = {
+        "file": file,
+        "base": _ground(steps),
+        "tip": tip,
+        "branches": branches,
+        "limits": False,
+        "dynamics": False,
+    }
+    lines += [
+        "",
+        "[urdf]",
+        *(f"{key} = {toml(value)}" for key, value in ends.items() if value != []),
+    ]
     for step in steps:
         if step.dof is not None:
             lines += ["", f"[joint.{step.dof.name}]"]
-            table = {key: value for key, value in write(DOF, step.dof).items() if key not in ("name", "type", "axis")}
+            table = {
+                key: value
+                for key, value in write(DOF, step.dof).items()
+                if key not in ("name", "type", "axis")
+            }
             more = {"before": step.before, "after": step.after}
             table |= {key: [write(DOF, d) for d in group] for key, group in more.items() if group}
             lines += [f"{key} = {toml(value)}" for key, value in table.items()]
         if _reduced(step.body):
             lines += ["", f"[link.{step.link}]", "inertia_reduced = true"]
     # the body frame in the frame of the link of the URDF file
-    shifts = {e.name: np.array(e.link.rotation).T @ np.array(e.link.position) for e in model.elements}
+    shifts = {
+        e.name: np.array(e.link.rotation).T @ np.array(e.link.position) for e in model.elements
+    }
     fixed = {step.link for step in steps if step.dof is None}
     for kind, tables in (
         ("motor", [write(MOTOR, motor) for motor in model.motors]),
@@ -329,8 +411,14 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
             place = table.get("carrier", table.get("element"))
             if place in fixed:
                 given = f"{table['name']} on {place}, which does not move relative to the element before"
-                raise ModelError(model.file, 0, f"{kind}.{table['name']}", given, "for URDF a moving element")
-            lines += ["", f"[[{kind}]]", *(f"{key} = {toml(value)}" for key, value in table.items())]
+                raise ModelError(
+                    model.file, 0, f"{kind}.{table['name']}", given, "for URDF a moving element"
+                )
+            lines += [
+                "",
+                f"[[{kind}]]",
+                *(f"{key} = {toml(value)}" for key, value in table.items()),
+            ]
     return "\n".join(lines) + "\n"
 
 
@@ -352,7 +440,9 @@ def _tasks(model: RobotModel, folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 def _check_moves(model: RobotModel, again: RobotModel) -> None:
     """Refuse moves that are not those of the model file: they were changed in Python."""
-    ours, theirs = ([_drop_file(task) for task in (*robot.moves, *robot.programs)] for robot in (model, again))
+    ours, theirs = (
+        [_drop_file(task) for task in (*robot.moves, *robot.programs)] for robot in (model, again)
+    )
     if ours != theirs:
         raise ArgumentError(
             f"model {model.name}: given moves that are not those of its file, expected the model as flexgen.read "

@@ -19,7 +19,10 @@ def add(
     parent: ElementTree.Element, tag: str, **attributes: str | float | Iterable[float] | np.ndarray
 ) -> ElementTree.Element:
     """Append an element; a trailing underscore of a keyword is dropped (``class_``)."""
-    texts = {key.rstrip("_"): value if isinstance(value, str) else numbers(value) for key, value in attributes.items()}
+    texts = {
+        key.rstrip("_"): value if isinstance(value, str) else numbers(value)
+        for key, value in attributes.items()
+    }
     return ElementTree.SubElement(parent, tag, texts)
 
 

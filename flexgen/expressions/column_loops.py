@@ -23,14 +23,18 @@ _INFIX = {"add": "+", "sub": "-", "mul": "*"}
 Literal = Callable[[float], str]
 
 
-def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> tuple[str, int, int]:
+def columns_text(
+    name: str, step: Columns, layout: Layout, literal: Literal
+) -> tuple[str, int, int]:
     """The C function of `Columns`; operations for a column, and the latency of their longest chain."""
     graph = simplify_graph(read_graph(step.function))
     inputs, outputs = step.function.name_in(), step.function.name_out()
     lines, tables = [], []
     for array in inputs:
         if array in step.tables:
-            tables += _table(array, step.tables[array], column_stride(step.n, layout.precision), literal)
+            tables += _table(
+                array, step.tables[array], column_stride(step.n, layout.precision), literal
+            )
 
     def operand(r: int) -> str:
         number = graph.number(r)
@@ -50,7 +54,9 @@ def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> 
                 text = f"ROWS(w + {layout.at(array, row)})[k]"
         else:
             if kind not in _INFIX:
-                raise BuildError(f"columns of {name}: given the operation {kind}, expected sums and products")
+                raise BuildError(
+                    f"columns of {name}: given the operation {kind}, expected sums and products"
+                )
             text = f" {_INFIX[kind]} ".join(operand(r) for r in operands)
         lines.append(f"const ROW t{node} = {text};")
     for array, row, r in graph.outputs:
@@ -82,16 +88,29 @@ def sums_text(name: str, step: Sums, layout: Layout, literal: Literal) -> str:
     columns = [*step.at]
     dense = columns == [*range(step.n)]
     if not dense:
-        lines.insert(0, f"static const unsigned char at[{len(columns)}] = {{{', '.join(map(str, columns))}}};")
+        lines.insert(
+            0,
+            f"static const unsigned char at[{len(columns)}] = {{{', '.join(map(str, columns))}}};",
+        )
     for first in range(0, step.rows, GROUP):
         rows = range(first, min(first + GROUP, step.rows))
-        starts = ", ".join(f"x{i} = F(splat)({literal(step.start[i] if step.start else 0.0)})" for i in rows)
+        starts = ", ".join(
+            f"x{i} = F(splat)({literal(step.start[i] if step.start else 0.0)})" for i in rows
+        )
         added = [f"x{i} += w[{layout.at(step.source, i)} + k];" for i in rows]
         stored = [f"w[{layout.at(step.target, i)} + j] = x{i};" for i in rows]
         lines += ["{", f"    T {starts};"]
         if dense:
-            order = f"j = {step.n - 1}; j >= 0; --j" if step.backward else f"j = 0; j < {step.n}; ++j"
-            lines += [f"    for ({order}) {{", "        k = j;", *_indent(added, 2), *_indent(stored, 2), "    }"]
+            order = (
+                f"j = {step.n - 1}; j >= 0; --j" if step.backward else f"j = 0; j < {step.n}; ++j"
+            )
+            lines += [
+                f"    for ({order}) {{",
+                "        k = j;",
+                *_indent(added, 2),
+                *_indent(stored, 2),
+                "    }",
+            ]
         elif step.backward:
             lines += [
                 f"    j = {step.n - 1};",
@@ -176,7 +195,9 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
     """
     port, n = step.target in outputs, step.n
     if port and step.first:
-        raise ValueError(f"products into {step.target}: given column {step.first}, expected 0 for an output")
+        raise ValueError(
+            f"products into {step.target}: given column {step.first}, expected 0 for an output"
+        )
     # the part above the diagonal is on the left of columns, and on the right of rows
     left, right = (step.above, step.below) if port else (step.below[::-1], step.above[::-1])
 
@@ -217,11 +238,14 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
             "#endif",
         ]
     else:
-        mixed = (
-            f"before_v(i - k * ROW_LANES + {ahead}, {_total(left, 'left', layout)}, {_total(right, 'right', layout)})"
-        )
+        mixed = f"before_v(i - k * ROW_LANES + {ahead}, {_total(left, 'left', layout)}, {_total(right, 'right', layout)})"
         lines += [
-            *each("0", f"k * ROW_LANES + {1 - ahead}", _total(right, "right", layout), once if step.symmetric else ()),
+            *each(
+                "0",
+                f"k * ROW_LANES + {1 - ahead}",
+                _total(right, "right", layout),
+                once if step.symmetric else (),
+            ),
             *(["#if ONE_POINT"] if step.symmetric else []),
             whole,
             *_vectors(left, "left", layout),
@@ -243,7 +267,10 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
 def _vectors(pair: tuple[Rows, Rows], side: str, layout: Layout) -> list[str]:
     """Lines that keep the vectors of the first rows in registers."""
     rows = range(pair[0].count)
-    return [f"    const ROW {side}{k} = ROWS(w + {layout.at(pair[0].array, pair[0].first + k)})[k];" for k in rows]
+    return [
+        f"    const ROW {side}{k} = ROWS(w + {layout.at(pair[0].array, pair[0].first + k)})[k];"
+        for k in rows
+    ]
 
 
 def _total(pair: tuple[Rows, Rows], side: str, layout: Layout) -> str:

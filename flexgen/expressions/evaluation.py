@@ -20,7 +20,7 @@ from flexgen.expressions.routine import (
 )
 
 
-def evaluate_routine(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def evaluate_routine(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:  # noqa: C901
     """Ports and intermediate arrays of a routine.
 
     Parameters
@@ -47,8 +47,13 @@ def evaluate_routine(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict
                     known[name] = (known[name] if step.added else 0.0) + x.full()
             case Columns():
                 names = step.function.name_in()
-                given = {name: step.tables[name] if name in step.tables else known[name] for name in names}
-                columns = [step.function.call([given[name][:, k] for name in names]) for k in range(step.n)]
+                given = {
+                    name: step.tables[name] if name in step.tables else known[name]
+                    for name in names
+                }
+                columns = [
+                    step.function.call([given[name][:, k] for name in names]) for k in range(step.n)
+                ]
                 for i, name in enumerate(step.function.name_out()):
                     known[name] = np.hstack([column[i].full() for column in columns])
             case Sums():
@@ -60,19 +65,27 @@ def evaluate_routine(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict
             case Selected():
                 known[step.target] = known[step.source][: step.rows, list(step.at)]
             case Products():
-                above, below = (rows(left).T @ rows(right) for left, right in (step.above, step.below))
+                above, below = (
+                    rows(left).T @ rows(right) for left, right in (step.above, step.below)
+                )
                 whole = known.setdefault(step.target, np.zeros((step.n, 0)))
                 more = max(step.first + step.n - whole.shape[1], 0)
                 known[step.target] = np.hstack([whole, np.zeros((len(whole), more))])
-                known[step.target][: step.n, step.first : step.first + step.n] = np.triu(above, 1) + np.tril(below)
+                known[step.target][: step.n, step.first : step.first + step.n] = np.triu(
+                    above, 1
+                ) + np.tril(below)
             case Zeros():
                 known[step.array] = np.zeros((step.rows, step.columns))
             case Factor():
-                known[step.solution] = np.linalg.solve(_symmetric(known[step.matrix]), known[step.right].T).T
+                known[step.solution] = np.linalg.solve(
+                    _symmetric(known[step.matrix]), known[step.right].T
+                ).T
             case Solve():
                 right = known[step.right]
                 right = np.hstack([right, -np.eye(step.n)]) if step.unit else right
-                known |= _evaluate_solve(step, -np.linalg.solve(_symmetric(known[step.matrix]), right))
+                known |= _evaluate_solve(
+                    step, -np.linalg.solve(_symmetric(known[step.matrix]), right)
+                )
     return known
 
 
@@ -87,7 +100,10 @@ def _evaluate_solve(step: Solve, X: np.ndarray) -> dict[str, np.ndarray]:
     for port in step.ports:
         blocks = [block for block in step.blocks if block.port == port]
         rows = max(
-            [*(block.row + step.n for block in blocks), *(1 + row for name, row, _ in step.ones if name == port)]
+            [
+                *(block.row + step.n for block in blocks),
+                *(1 + row for name, row, _ in step.ones if name == port),
+            ]
         )
         out[port] = np.zeros((rows, sum(block.count for block in blocks)))
         at = 0

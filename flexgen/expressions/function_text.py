@@ -25,7 +25,9 @@ from flexgen.expressions.schedule import choose_order, order_by_depth
 from flexgen.expressions.simplify import simplify_graph
 from flexgen.expressions.step_text import step_text
 
-CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
+# operations per C function: a compiler keeps values in registers, and is quick, where functions are
+# short
+CHUNK = 500
 MARGIN = 500  # a function that is longer than a chunk by less than this stays in one piece
 
 AT_ONCE = 10  # entries of the workspace that a statement sets to the same value
@@ -108,7 +110,8 @@ def function_text(
     texts: list[str] = []
     calls: list[str] = []
     work, stack, operations, depth, called = layout.size, 0, 0, 0, 0
-    seen: set[tuple[str, int]] = set()  # entries of inputs that show in a result where they are not finite
+    # entries of inputs that show in a result where they are not finite
+    seen: set[tuple[str, int]] = set()
     whole = False  # one function computes everything
     if layout.size > 0:
         work += WHOLE
@@ -120,7 +123,10 @@ def function_text(
         if not isinstance(step, Expressions):
             loop = step_text(f"{prefix}step_{k + 1}", step, layout, outputs, precision)
             texts.append(loop.text)
-            calls.append("zero += " * loop.checks + _call(f"{prefix}step_{k + 1}", loop.ports, workspace=True))
+            calls.append(
+                "zero += " * loop.checks
+                + _call(f"{prefix}step_{k + 1}", loop.ports, workspace=True)
+            )
             operations, depth = operations + loop.operations, depth + loop.depth
             continue
         graph = simplify_graph(read_graph(step.function))
@@ -134,14 +140,22 @@ def function_text(
         for i, piece in enumerate(pieces):
             stack = max(stack, piece.locals)
             if whole:
-                unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
+                unread = [
+                    (port, e)
+                    for port, size in inputs.items()
+                    for e in range(size)
+                    if (port, e) not in seen
+                ]
                 piece.lines += writer.check(piece, unread)
                 texts.append(_function(f"{prefix}evaluate", piece, [*inputs], [*outputs]))
                 continue
             piece.lines += writer.check(piece, ())
             name = f"{prefix}evaluate_{k + 1}_{i + 1}"
             ports = [port for port in (*inputs, *outputs) if port in piece.ports]
-            kinds = [port for port in ports if port in inputs], [port for port in ports if port in outputs]
+            kinds = (
+                [port for port in ports if port in inputs],
+                [port for port in ports if port in outputs],
+            )
             texts.append("SEPARATE " + _function(name, piece, *kinds, common))
             calls.append("zero += " + _call(name, ports, piece.workspace, common))
         work = max(work, writer.start + writer.spilled + (WHOLE if layout.size > 0 else 0))
@@ -149,7 +163,9 @@ def function_text(
         depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
     if not whole:
         zero = literal(0.0, precision)
-        unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
+        unread = [
+            (port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen
+        ]
         calls = [f"T zero = F(splat)({zero});", *calls]
         calls += [f"zero += {zero} * {_access(port, e, common)};" for port, e in unread]
         last = _Piece([*calls, "return zero;"], workspace=work > 0)
@@ -166,7 +182,11 @@ def _call(name: str, ports: Sequence[str], workspace: bool, parameters: str | No
 
 
 def _function(
-    name: str, piece: _Piece, inputs: Sequence[str], outputs: Sequence[str], shared: str | None = None
+    name: str,
+    piece: _Piece,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    shared: str | None = None,
 ) -> str:
     """A C function; the array ``shared`` is the same for all points, and needs no stride."""
     parameters = [f"const real *RESTRICT {port}" for port in inputs]
@@ -181,7 +201,9 @@ def _function(
 def _trace_inputs(graph: Graph, step: Expressions, arrays: Collection[str]) -> set[tuple[str, int]]:
     """Entries of inputs that make an entry of the given arrays NaN or infinite where they are."""
     function = step.function
-    carried = graph.find_carriers({i for i, name in enumerate(function.name_out()) if name in arrays})
+    carried = graph.find_carriers(
+        {i for i, name in enumerate(function.name_out()) if name in arrays}
+    )
     names = function.name_in()
     entries = (graph.operands[node] for node in carried if graph.kind[node] == "input")
     return {(names[array], entry) for array, entry in entries}
@@ -197,13 +219,27 @@ def _access(name: str, entry: int, parameters: str | None) -> str:
 class _Writer:
     """Writes the expressions of one step."""
 
-    def __init__(self, graph: Graph, step: Expressions, layout: Layout, parameters: str | None, precision: str) -> None:
-        self.graph, self.layout, self.parameters, self.precision = graph, layout, parameters, precision
+    def __init__(
+        self,
+        graph: Graph,
+        step: Expressions,
+        layout: Layout,
+        parameters: str | None,
+        precision: str,
+    ) -> None:
+        self.graph, self.layout, self.parameters, self.precision = (
+            graph,
+            layout,
+            parameters,
+            precision,
+        )
         self.added = step.added
         self.inputs, self.outputs = step.function.name_in(), step.function.name_out()
         self.input_rows = [step.function.size1_in(i) for i in range(step.function.n_in())]
         if step.added and not set(self.outputs) <= set(layout.places):
-            raise ValueError(f"expressions {self.outputs}: given an output, expected intermediate arrays to add to")
+            raise ValueError(
+                f"expressions {self.outputs}: given an output, expected intermediate arrays to add to"
+            )
         self.rows = [step.function.size1_out(i) for i in range(step.function.n_out())]
         self.needed = graph.alive()
         self.start, self.spilled = layout.size, 0
@@ -223,7 +259,9 @@ class _Writer:
             parts = [order]
         else:
             count = math.ceil(len(order) / CHUNK)
-            parts = [order[len(order) * k // count : len(order) * (k + 1) // count] for k in range(count)]
+            parts = [
+                order[len(order) * k // count : len(order) * (k + 1) // count] for k in range(count)
+            ]
         self._place(parts)
         made = [self._piece(part, last=k == len(parts) - 1) for k, part in enumerate(parts)]
         return [piece for piece in made if piece.lines] or made[:1]
@@ -304,7 +342,11 @@ class _Writer:
 
     def _argument(self, r: int) -> str:
         """An operand of type T."""
-        return f"F(splat)({self._operand(r)})" if self.graph.number(r) is not None else self._operand(r)
+        return (
+            f"F(splat)({self._operand(r)})"
+            if self.graph.number(r) is not None
+            else self._operand(r)
+        )
 
     def _fetch(self, piece: _Piece, node: int) -> None:
         """Load a value: an input is read, a value of an earlier piece comes from the workspace."""
@@ -359,7 +401,11 @@ class _Writer:
         piece.locals += 3 * -(-n // 16) * 16
         for k, angle in enumerate(angles):
             for node in self.turning[angle]:
-                self._define(piece, node, f"{'sine' if self.graph.kind[node] == 'sin' else 'cosine'}{first}[{k}]")
+                self._define(
+                    piece,
+                    node,
+                    f"{'sine' if self.graph.kind[node] == 'sin' else 'cosine'}{first}[{k}]",
+                )
 
     def _store(self, piece: _Piece, node: int) -> None:
         """Write a value wherever it is a result."""
@@ -387,7 +433,8 @@ class _Writer:
                 places.setdefault(self._argument(r), []).append(place)
         for value, equal in places.items():
             chunks = (equal[k : k + AT_ONCE] for k in range(0, len(equal), AT_ONCE))
-            piece.lines += [" = ".join([*reversed(chunk), value]) + ";" for chunk in chunks]  # C begins with the last
+            # C begins with the last
+            piece.lines += [" = ".join([*reversed(chunk), value]) + ";" for chunk in chunks]
 
     def check(self, piece: _Piece, unread: Sequence[tuple[str, int]]) -> list[str]:
         """Lines that return the sum of zero times every result, combined in the order in which they become known."""

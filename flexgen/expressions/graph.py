@@ -150,7 +150,9 @@ class Graph:
         """``a / b``."""
         x, y = self.number(a), self.number(b)
         if y is not None and y != 0.0 and math.isfinite(1.0 / y):
-            return self.constant(x / y) if x is not None else self.multiply(self.constant(1.0 / y), a)
+            return (
+                self.constant(x / y) if x is not None else self.multiply(self.constant(1.0 / y), a)
+            )
         if x == 0.0:
             return self.constant(0.0)
         return 2 * self._node("div", (a & ~1, b & ~1)) + ((a ^ b) & 1)
@@ -215,10 +217,12 @@ class Graph:
         return self._count(("input", "constant", "add", "sub", "mul", "div"))
 
     def _count(self, without: tuple[str, ...]) -> int:
-        return sum(used and kind not in without for kind, used in zip(self.kind, self.alive(), strict=True))
+        return sum(
+            used and kind not in without for kind, used in zip(self.kind, self.alive(), strict=True)
+        )
 
 
-def read_graph(function: ca.Function) -> Graph:
+def read_graph(function: ca.Function) -> Graph:  # noqa: C901
     """The graph of an SX function; BuildError names an operation that cannot be written."""
     graph = Graph()
     register: dict[int, Reference] = {}
@@ -258,7 +262,9 @@ def read_graph(function: ca.Function) -> Graph:
         elif operation in _NAMES:
             out = graph.call(_NAMES[operation], [register[r] for r in source])
         else:
-            raise BuildError(f"function {function.name()}: {_operation_name(operation)} cannot be written in C")
+            raise BuildError(
+                f"function {function.name()}: {_operation_name(operation)} cannot be written in C"
+            )
         register[target[0]] = out
     return graph
 

@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
-from flexgen.expressions.routine import Columns, Expressions, Factor, Products, Routine, Selected, Solve, Sums
+from flexgen.expressions.routine import (
+    Columns,
+    Expressions,
+    Factor,
+    Products,
+    Routine,
+    Selected,
+    Solve,
+    Sums,
+)
 
 WHOLE = 16  # entries: the longest vector of any precision
 LONGEST = {"double": 8, "single": 16}  # entries of the longest vector
@@ -68,7 +77,9 @@ def layout_of(program: Routine, outputs: Collection[str], precision: str) -> Lay
             case Columns():
                 names, results = step.function.name_in(), step.function.name_out()
                 by_columns |= {*names, *results} - set(step.tables)
-                shapes |= {name: (step.function.numel_out(i), step.n) for i, name in enumerate(results)}
+                shapes |= {
+                    name: (step.function.numel_out(i), step.n) for i, name in enumerate(results)
+                }
                 vectors |= {*results}
             case Products():
                 by_columns |= {rows.array for rows in (*step.above, *step.below)}
@@ -81,8 +92,13 @@ def layout_of(program: Routine, outputs: Collection[str], precision: str) -> Lay
     at = 0
     for name, (rows, columns) in shapes.items():
         places[name] = at
-        at += -(-rows * strides.get(name, columns) // WHOLE) * WHOLE  # all begin with a whole vector
-    filled = {name: shapes[name] for name in shapes if name in by_columns - vectors and shapes[name][1] % WHOLE}
+        # all begin with a whole vector
+        at += -(-rows * strides.get(name, columns) // WHOLE) * WHOLE
+    filled = {
+        name: shapes[name]
+        for name in shapes
+        if name in by_columns - vectors and shapes[name][1] % WHOLE
+    }
     return Layout(places, strides, at, filled, precision)
 
 

@@ -35,7 +35,9 @@ _CALLS: dict[str, Callable[..., np.ndarray]] = {
 }
 
 
-def add_pivot_guards(graph: Graph, names: list[str], given: Mapping[str, np.ndarray], precision: str) -> Graph:
+def add_pivot_guards(
+    graph: Graph, names: list[str], given: Mapping[str, np.ndarray], precision: str
+) -> Graph:
     """The graph with guards at its divisions by pivots.
 
     Parameters
@@ -48,7 +50,11 @@ def add_pivot_guards(graph: Graph, names: list[str], given: Mapping[str, np.ndar
     precision : str
         ``"double"`` or ``"single"``.
     """
-    pivots = {graph.operands[n][1] for n, used in enumerate(graph.alive()) if used and graph.kind[n] == "div"}
+    pivots = {
+        graph.operands[n][1]
+        for n, used in enumerate(graph.alive())
+        if used and graph.kind[n] == "div"
+    }
     pivots = {r for r in pivots if graph.number(r) is None}
     if not pivots:
         return graph
@@ -66,7 +72,8 @@ def add_pivot_guards(graph: Graph, names: list[str], given: Mapping[str, np.ndar
         seen, sign = values[divisor >> 1], 0
         if np.all(seen < 0.0):  # a graph may hold the negative of a pivot
             seen, sign = -seen, 1
-        if np.all(seen > 0.0) and np.isfinite(seen).all():  # a power of two: the same on every machine
+        # a power of two: the same on every machine
+        if np.all(seen > 0.0) and np.isfinite(seen).all():
             least = new.constant(size * 2.0 ** math.ceil(math.log2(float(seen.max()))))
             to[node] = new.call("guarded", [to[node], to[divisor >> 1] ^ sign, least])
     new.outputs = [(array, entry, to[r >> 1] ^ (r & 1)) for array, entry, r in graph.outputs]

@@ -78,7 +78,9 @@ class Factor:
     @property
     def operations(self) -> int:
         """Arithmetic operations."""
-        factor = sum((i - first) * (2 * (self.n + 1 - i) + 1) for i, first in enumerate(self.profile))
+        factor = sum(
+            (i - first) * (2 * (self.n + 1 - i) + 1) for i, first in enumerate(self.profile)
+        )
         return factor + self.n * (self.n + 1) // 2 + self.n * (self.n - 1)
 
     @property
@@ -145,7 +147,9 @@ class Solve:
         filled = sum(i - first for i, first in enumerate(self.profile))
         factor = sum((i - first) * (2 * (self.n - i) + 1) for i, first in enumerate(self.profile))
         below = self.n * (self.n - 1) // 2
-        return (0 if self.factored else factor + below) + (2 * filled + 2 * below + self.n) * self.width
+        return (0 if self.factored else factor + below) + (
+            2 * filled + 2 * below + self.n
+        ) * self.width
 
     @property
     def depth(self) -> int:
@@ -293,4 +297,7 @@ def profile(function: ca.Function, result: str) -> tuple[int, ...]:
     """First column of each row of a symmetric result of an SX function that is not zero by structure."""
     symbols = [ca.SX.sym(f"x{i}", function.sparsity_in(i)) for i in range(function.n_in())]
     pattern = ca.sparsify(function.call(symbols)[function.index_out(result)]).sparsity()
-    return tuple(next(j for j in range(i + 1) if j == i or pattern.has_nz(i, j)) for i in range(pattern.size1()))
+    return tuple(
+        next(j for j in range(i + 1) if j == i or pattern.has_nz(i, j))
+        for i in range(pattern.size1())
+    )

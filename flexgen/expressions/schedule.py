@@ -19,7 +19,10 @@ WIDE = 3  # operations per cycle of the longest chain beyond which the processor
 
 def choose_order(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
     """Nodes that the roots need and that were not seen before, in the order that suits the graph."""
-    count, depth = graph.operations(), max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
+    count, depth = (
+        graph.operations(),
+        max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0),
+    )
     chosen = schedule_nodes if count <= LARGE and count <= WIDE * depth else order_by_depth
     return chosen(graph, roots, seen)
 

@@ -48,8 +48,14 @@ def _reciprocals(graph: Graph) -> Graph:
 def _angle_sums(graph: Graph) -> Graph:
     """The graph with sines and cosines of ``a + b`` by products of those of a and b, where these are needed anyway."""
     needed = graph.alive()
-    turned = {graph.operands[n][0] >> 1 for n, kind in enumerate(graph.kind) if kind in ("sin", "cos") and needed[n]}
-    sums = {a for a in turned if graph.kind[a] in ("add", "sub") and set(graph.arguments(a)) <= turned}
+    turned = {
+        graph.operands[n][0] >> 1
+        for n, kind in enumerate(graph.kind)
+        if kind in ("sin", "cos") and needed[n]
+    }
+    sums = {
+        a for a in turned if graph.kind[a] in ("add", "sub") and set(graph.arguments(a)) <= turned
+    }
     if not sums:
         return graph
     new = Graph()
@@ -78,7 +84,7 @@ def _angle_sums(graph: Graph) -> Graph:
     return new
 
 
-def _balance_sums(graph: Graph) -> Graph:
+def _balance_sums(graph: Graph) -> Graph:  # noqa: C901
     """The graph with sums and products of more than two terms rebuilt: operands known first are combined first."""
     needed = graph.alive()
     uses = [0] * len(graph.kind)

@@ -11,7 +11,9 @@ from flexgen.expressions.layout import Layout, loop_function, pivots_of
 from flexgen.expressions.routine import Factor, Solve
 
 
-def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int], rounding: str) -> str:
+def solve_text(
+    name: str, step: Solve, layout: Layout, outputs: Mapping[str, int], rounding: str
+) -> str:
     """The C function of a `Solve`: factor, substitute, and write the solution to its ports.
 
     A = L' D L with ``d_j = U_jj, L_jk = U_jk / d_j``: row j is taken from those below it, ``U_ik -= L_ji U_jk``. Then
@@ -97,7 +99,9 @@ def _padding_lines(step: Solve, layout: Layout) -> list[str]:
         "    }",
     ]
     if step.unit:
-        lines.append(f"    w[{layout.places[step.right]} + i * {step.stride + 1} + {step.columns}] = F(splat)(-1);")
+        lines.append(
+            f"    w[{layout.places[step.right]} + i * {step.stride + 1} + {step.columns}] = F(splat)(-1);"
+        )
     return [*lines, "}"]
 
 
@@ -159,7 +163,13 @@ def _substitution_lines(step: Solve) -> list[str]:
             "    }",
             f"    for (i = {n - 1}; i >= 0; --i) {{",
             "        const T pivot = inverse[i];",
-            *_less(step, each, f"matrix[i * {stride} + j]", "j = i + 1; j < last[i]; ++j", "LOAD_SCALED_ROW"),
+            *_less(
+                step,
+                each,
+                f"matrix[i * {stride} + j]",
+                "j = i + 1; j < last[i]; ++j",
+                "LOAD_SCALED_ROW",
+            ),
             "    }",
             "}",
         ]
@@ -175,7 +185,11 @@ def _solution_lines(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> 
         covered = sum(block.count for block in blocks) * step.n
         rows = outputs[port] // sum(block.count for block in blocks)
         if covered < outputs[port]:
-            lines += [f"for (i = 0; i < {outputs[port]}; ++i) {{", f"    OUT({port}, i, F(splat)(0));", "}"]
+            lines += [
+                f"for (i = 0; i < {outputs[port]}; ++i) {{",
+                f"    OUT({port}, i, F(splat)(0));",
+                "}",
+            ]
         column = 0
         for block in blocks:
             lines += [
@@ -188,6 +202,8 @@ def _solution_lines(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> 
             ]
             column += block.count
         lines += [
-            f"OUT({port}, {row + column_of * rows}, F(splat)(1));" for name, row, column_of in step.ones if name == port
+            f"OUT({port}, {row + column_of * rows}, F(splat)(1));"
+            for name, row, column_of in step.ones
+            if name == port
         ]
     return lines

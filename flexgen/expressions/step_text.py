@@ -6,11 +6,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from flexgen.expressions.column_loops import columns_text, products_text, selected_text, sums_text, zeros_text
+from flexgen.expressions.column_loops import (
+    columns_text,
+    products_text,
+    selected_text,
+    sums_text,
+    zeros_text,
+)
 from flexgen.expressions.layout import Layout
 from flexgen.expressions.literals import literal
 from flexgen.expressions.pivot_guards import EPSILON
-from flexgen.expressions.routine import Columns, Factor, Products, Selected, Solve, Step, Sums, Zeros
+from flexgen.expressions.routine import (
+    Columns,
+    Factor,
+    Products,
+    Selected,
+    Solve,
+    Step,
+    Sums,
+    Zeros,
+)
 from flexgen.expressions.solve_loops import factor_text, solve_text
 
 
@@ -29,7 +44,9 @@ class StepText:
     checks: bool = False
 
 
-def step_text(name: str, step: Step, layout: Layout, outputs: Mapping[str, int], precision: str) -> StepText:
+def step_text(
+    name: str, step: Step, layout: Layout, outputs: Mapping[str, int], precision: str
+) -> StepText:
     """The C function of a step that is a loop.
 
     Parameters

@@ -136,7 +136,11 @@ class DrivenArm:
         coefficients = ca.SX.sym("e", len(errors) * 2 * len(harmonics))
         equations = _with_errors(equations, errors, harmonics, coefficients)
         model, count, i_g = equations.model, len(elements), list(equations.model.i_g)
-        lag, (y, dy, ddy), inverse = equations.lagrangian, equations.y, np.linalg.inv(equations.model.eta)
+        lag, (y, dy, ddy), inverse = (
+            equations.lagrangian,
+            equations.y,
+            np.linalg.inv(equations.model.eta),
+        )
         rigid = [k for k, (gear, _) in enumerate(gears_of(model)) if gear.rigid]
         imposed = [i_g[k] for k in rigid] + [model.n_a + k for k in range(len(model.i_m))]
         of_motors = ca.SX(ca.DM(np.vstack([inverse[rigid], np.eye(model.n_m)[list(model.i_m)]])))
@@ -148,12 +152,22 @@ class DrivenArm:
         for k, element in enumerate(elements):
             z[element.gear] += known[k]
 
-        behind_rigid = [j for j in range(model.n_m) if j not in model.i_m]  # motors without a coordinate of their own
-        symbols = [lag.tau_m, y[imposed], dy[imposed], ddy[imposed], ddy[free], *(lag.q_m[j] for j in behind_rigid)]
+        # motors without a coordinate of their own
+        behind_rigid = [j for j in range(model.n_m) if j not in model.i_m]
+        symbols = [
+            lag.tau_m,
+            y[imposed],
+            dy[imposed],
+            ddy[imposed],
+            ddy[free],
+            *(lag.q_m[j] for j in behind_rigid),
+        ]
         symbols = ca.vertcat(*symbols)
         values = [ca.SX.zeros(model.n_m), *(ca.mtimes(of_motors, part) for part in (q_m, v_m, a_m))]
         values = ca.vertcat(*values, ca.SX.zeros(len(free)), *(q_m[j] for j in behind_rigid))
-        residual = equations.left - lag.forces - generalized_force(equations.with_symbols, z, lag.q_m)
+        residual = (
+            equations.left - lag.forces - generalized_force(equations.with_symbols, z, lag.q_m)
+        )
         B, rate = ca.jacobian(lag.forces, lag.tau_m)[imposed, :], deflection_rates(equations)
         deflection = gear_angles(equations.with_symbols, lag.q_m) - y[i_g]
         terms = [ca.densify(term) for term in (residual, equations.mass, B, rate, deflection)]
@@ -166,17 +180,28 @@ class DrivenArm:
         shapes = ca.SX.sym("n", count if fitted else 0)
         exponents = ca.vertsplit(shapes) if fitted else [element.exponent for element in elements]
         p = ca.vertcat(equations.symbols, K_h, W, shapes, coefficients, largest)
-        slower = largest * W / ca.fmax(largest * W, ca.vertcat(ca.SX(0, 1), *exponents) * K_h * ca.fabs(rate))
+        slower = (
+            largest
+            * W
+            / ca.fmax(largest * W, ca.vertcat(ca.SX(0, 1), *exponents) * K_h * ca.fabs(rate))
+        )
         laws = zip(exponents, elements, strict=True)
-        rates = [element_rate(rate[k], known[k], W[k], n, each.gamma) for k, (n, each) in enumerate(laws)]
+        rates = [
+            element_rate(rate[k], known[k], W[k], n, each.gamma) for k, (n, each) in enumerate(laws)
+        ]
         dx = ca.vertcat(dy[free], acceleration, slower * K_h * ca.vertcat(ca.SX(0, 1), *rates))
 
         def function(name: str, output: ca.SX) -> ca.Function:
             return ca.Function(name, [x, motors, p], [ca.cse(ca.densify(output))])
 
         self.model, self.free, self.n_x = model, free, 2 * len(free) + count
-        self.rate, self.torque = function("driven_rate", dx), function("driven_torque", ca.solve(B, need))
-        self._rest = function("driven_rest", ca.horzcat(residual[free], ca.jacobian(residual[free], y[free])))
+        self.rate, self.torque = (
+            function("driven_rate", dx),
+            function("driven_torque", ca.solve(B, need)),
+        )
+        self._rest = function(
+            "driven_rest", ca.horzcat(residual[free], ca.jacobian(residual[free], y[free]))
+        )
         self._deflections = function("driven_deflections", deflection)
         self._change = function("driven_change", ca.jacobian(dx, x))
 
@@ -192,7 +217,9 @@ class DrivenArm:
             x[:n] -= step
             if np.abs(step).max() < AT_REST:
                 return x
-        raise SolverError("the model does not rest at the motor angles of the record: check its stiffness and gravity")
+        raise SolverError(
+            "the model does not rest at the motor angles of the record: check its stiffness and gravity"
+        )
 
     def joint_speeds(self, v_m: np.ndarray) -> np.ndarray:
         """Speeds of the free coordinates for motor speeds (n_m,) if the gears were rigid."""
@@ -229,7 +256,9 @@ def _with_errors(
     if not coefficients.numel():
         return equations
     robot, sums = equations.with_symbols, ca.vertsplit(coefficients, len(harmonics))
-    added = {robot.coordinates[robot.i_g[k]].name: sums[2 * n : 2 * n + 2] for n, k in enumerate(errors)}
+    added = {
+        robot.coordinates[robot.i_g[k]].name: sums[2 * n : 2 * n + 2] for n, k in enumerate(errors)
+    }
 
     def change(dof: Dof) -> Dof:
         if dof.name not in added or dof.gear is None:
@@ -237,7 +266,9 @@ def _with_errors(
         error = FourierSum(tuple(harmonics), *(tuple(ca.vertsplit(x)) for x in added[dof.name]))
         return replace(dof, gear=replace(dof.gear, transmission_error=error))
 
-    elements = [replace(element, dofs=tuple(map(change, element.dofs))) for element in robot.elements]
+    elements = [
+        replace(element, dofs=tuple(map(change, element.dofs))) for element in robot.elements
+    ]
     made = Equations(equations.model, [parameter.name for parameter in equations.parameters])
     made.symbols, made.with_symbols = equations.symbols, replace(robot, elements=tuple(elements))
     return made

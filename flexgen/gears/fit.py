@@ -45,26 +45,34 @@ from flexgen.spec.memory import SHARPEST
 
 STEP = 1e-3  # of differences in numbers over their values at the start, and lost motions
 REACH = 30.0  # of these, at most; the least is its inverse
-STIFF, NEAR = 0.2, 1.05  # K_h over its start, at least; factor from a bound at which a number is at it
+# K_h over its start, at least; factor from a bound at which a number is at it
+STIFF, NEAR = 0.2, 1.05
 LEAST_LOST, MOST_LOST = 1e-3, 50.0  # of the units of lost motions
 NO_LOST = 0.02  # of these units: what is below it is none
 SLOWEST = 2.0  # rate of a hysteresis times the integration step, at most
 POSES = 20  # of the record, where eigenvalues are computed
 STIFFER = 10.0  # K_h over its start up to which the integration is accurate
 FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the start has decayed
-BLOCK_S, FEWEST_BLOCKS = 1.0, 10  # of a record, within which residuals depend on each other; at least so many
+# of a record, within which residuals depend on each other; at least so many
+BLOCK_S, FEWEST_BLOCKS = 1.0, 10
 CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
-DRAWS, MORE = (1, 1, 3, 3), 4  # pairs of samples of noise in each step with corrected normal equations; steps more
-SMALL, SETTLED = 0.3, 2.0  # standard deviations, at most, of a step after which there are no more, and of the last one
-LEAST_SIGNAL = 0.1  # part of the information in a direction that is not noise, else it is not determined
+# pairs of samples of noise in each step with corrected normal equations; steps more
+DRAWS, MORE = (1, 1, 3, 3), 4
+# standard deviations, at most, of a step after which there are no more, and of the last one
+SMALL, SETTLED = 0.3, 2.0
+# part of the information in a direction that is not noise, else it is not determined
+LEAST_SIGNAL = 0.1
 RANK = 1e-13  # of the normal equations, relative
 FREE = 1e6  # standard deviation of priors that say nothing
-FLOOR = (2e-3, 1e-4)  # of the torques: residuals that are not weighted as if they were smaller, at first and later
-BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4  # of frequency; end of the first over that of all; samples of noise in them
+# of the torques: residuals that are not weighted as if they were smaller, at first and later
+FLOOR = (2e-3, 1e-4)
+# of frequency; end of the first over that of all; samples of noise in them
+BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4
 UNLIKELY = 0.01  # probability of less noise in a band than there is
 FINER = 3  # times as many steps, for the errors of those of the simulation
 ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
-STICKS, SOME, HOLDS = 3.0, 2e-3, 0.1  # Coulomb friction over its sd, over the torques; slow friction over the fast one
+# Coulomb friction over its sd, over the torques; slow friction over the fast one
+STICKS, SOME, HOLDS = 3.0, 2e-3, 0.1
 FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
 ERROR_STEP = 1e-6  # rad or m, of differences in a transmission error
 
@@ -94,14 +102,17 @@ class GearModel:
         self.equations, self.sought, self.signals = equations, sought, signals
         self.names = tuple(parameter.name for parameter in equations.parameters)
         values = np.array([parameter.value for parameter in equations.parameters])
-        start = np.array([(x.K_h, x.exponent, x.lost, x.unit) for x in sought.elements]).reshape(-1, 4)
+        start = np.array([(x.K_h, x.exponent, x.lost, x.unit) for x in sought.elements]).reshape(
+            -1, 4
+        )
         self.at = [each.gear for each in sought.elements]
         self.n_m, self.count = equations.model.n_m, len(start)
         # entries of theta: over their start (parameters, K_h, exponents), lost motions, errors, linear ones
         self.shapes = len(values) + self.count
         self.parts = self.shapes + self.count * sought.exponents
         self.errors = self.parts + self.count
-        self.bent = self.errors + 2 * len(sought.errors) * len(sought.harmonics)  # of which the simulation depends
+        # of which the simulation depends
+        self.bent = self.errors + 2 * len(sought.errors) * len(sought.harmonics)
         linear = (FRICTIONS + 2 * len(sought.cogging)) * self.n_m + 1
         self.start = np.zeros(self.bent + linear)
         self.units = np.ones(len(self.start))
@@ -109,8 +120,12 @@ class GearModel:
         self.units[self.shapes : self.parts] = start[: self.parts - self.shapes, 1]
         self.units[self.parts : self.errors] = start[:, 3]
         self.start[: self.parts] = 1.0
-        self.start[self.parts : self.errors] = np.clip(start[:, 2] / start[:, 3], LEAST_LOST, MOST_LOST)
-        self.arm = DrivenArm(equations, sought.elements, sought.exponents, sought.errors, sought.harmonics)
+        self.start[self.parts : self.errors] = np.clip(
+            start[:, 2] / start[:, 3], LEAST_LOST, MOST_LOST
+        )
+        self.arm = DrivenArm(
+            equations, sought.elements, sought.exponents, sought.errors, sought.harmonics
+        )
         poses = signals.q_m[np.linspace(0, len(signals.time) - 1, POSES).astype(int)]
         steep = self.start.copy()
         steep[len(values) : self.shapes] *= STIFFER
@@ -130,15 +145,26 @@ class GearModel:
     def numbers(self, theta: np.ndarray) -> np.ndarray:
         """Numbers of the driven arm."""
         found, n = self.units * theta, len(self.names)
-        values, K_h, shapes, lost, errors = np.split(found[: self.bent], [n, self.shapes, self.parts, self.errors])
-        model = with_values(self.equations.model, dict(zip(self.names, values.tolist(), strict=True)))
+        values, K_h, shapes, lost, errors = np.split(
+            found[: self.bent], [n, self.shapes, self.parts, self.errors]
+        )
+        model = with_values(
+            self.equations.model, dict(zip(self.names, values.tolist(), strict=True))
+        )
         W = lost * gear_stiffness(model, np.inf)[self.at] / 2
         return np.concatenate([values, K_h, W, shapes, errors, [self.largest]])
 
-    def torques(self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None) -> np.ndarray:
+    def torques(
+        self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
+    ) -> np.ndarray:
         """Torques (points, k, n_m) in the band, from where the start is forgotten; ``start``: a state (n_x,)."""
-        linear, found = self.regressors(motion), self.arm_torques([self.numbers(x) for x in points], motion, start)
-        return np.array([x + linear @ theta[self.bent :] for theta, x in zip(points, found, strict=True)])
+        linear, found = (
+            self.regressors(motion),
+            self.arm_torques([self.numbers(x) for x in points], motion, start),
+        )
+        return np.array(
+            [x + linear @ theta[self.bent :] for theta, x in zip(points, found, strict=True)]
+        )
 
     def arm_torques(
         self, numbers: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
@@ -160,7 +186,9 @@ class GearModel:
         found_some = np.abs(self.units[at] * found.theta[at]) > least
         largest = np.abs(self.motion.samples[:, self.n_m : 2 * self.n_m]).max(axis=0)
         model, speeds = self.equations.model, np.array([MOVING * largest, largest])
-        slow, fast = np.abs(friction_along(derive(model).function, model, speeds, np.zeros_like(speeds)))
+        slow, fast = np.abs(
+            friction_along(derive(model).function, model, speeds, np.zeros_like(speeds))
+        )
         motors = found_some | (slow > HOLDS * fast)
         self.friction.take_out(self.first, motors)
         kept = self.measured, self.late, self.step_errors
@@ -195,7 +223,10 @@ class GearModel:
     def _sizes(self) -> np.ndarray:
         """Linear numbers whose torques are as large as those of the record, at the motor that each moves most."""
         size = np.sqrt((self.regressors(self.motion) ** 2).mean(axis=0))
-        return np.asarray(np.std(self.measured, axis=0)[size.argmax(axis=0)] / np.maximum(size.max(axis=0), 1e-300))
+        return np.asarray(
+            np.std(self.measured, axis=0)[size.argmax(axis=0)]
+            / np.maximum(size.max(axis=0), 1e-300)
+        )
 
     def derivatives(self, theta: np.ndarray, motion: MotorMotion) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (k, n_m) and their derivatives (k, n_m, n) at theta."""
@@ -203,8 +234,14 @@ class GearModel:
         moved = [theta + step * (np.arange(len(theta)) == k) for k, step in enumerate(steps)]
         linear = self.regressors(motion)
         own, *changed = self.arm_torques([self.numbers(x) for x in (theta, *moved)], motion)
-        J = np.stack([x - own for x in changed], axis=2) / steps if changed else np.zeros((*own.shape, 0))
-        return own + linear @ theta[self.bent :] - self.measured, np.concatenate([J, linear], axis=2)
+        J = (
+            np.stack([x - own for x in changed], axis=2) / steps
+            if changed
+            else np.zeros((*own.shape, 0))
+        )
+        return own + linear @ theta[self.bent :] - self.measured, np.concatenate(
+            [J, linear], axis=2
+        )
 
     def more_noise(self, seed: int, factor: float = 1.0) -> MotorMotion:
         """The motion with as much noise of the angles as the record has, once more, times a factor."""
@@ -231,14 +268,18 @@ class GearModel:
         """
         power, explained = self._bands(error)[1], self.noise_power(theta, error)[1]
         values, vectors = np.linalg.eigh(covariance)
-        deviations = self.derivatives(theta, self.motion)[1] @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        deviations = self.derivatives(theta, self.motion)[1] @ (
+            vectors * np.sqrt(np.maximum(values, 0.0))
+        )
         with_theta = explained + sum(self._bands(x)[1] for x in np.moveaxis(deviations, -1, 0))
         return np.array([np.sqrt(power / each).max(axis=0) for each in (explained, with_theta)])
 
     def noise_power(self, theta: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lines (bands, 1) of bands of frequency, and the power (bands, n_m) that noise explains in them."""
         own = self.torques([theta], self.motion)[0]
-        drawn = [self.torques([theta], self.more_noise(seed))[0] - own for seed in range(EXCESS_DRAWS)]
+        drawn = [
+            self.torques([theta], self.more_noise(seed))[0] - own for seed in range(EXCESS_DRAWS)
+        ]
         lines, power = self._bands(error)
         least = (len(error) * ROUNDING * np.std(self.measured, axis=0)) ** 2 / 2
         noise = np.mean([self._bands(x)[1] for x in drawn], axis=0)
@@ -248,9 +289,13 @@ class GearModel:
         """Bands of frequency: their lines (bands, 1), and the power of (k, n_m) in them (bands, n_m)."""
         n, signals = len(x), self.signals
         f = np.fft.rfftfreq(n, signals.sample_s)
-        first = np.searchsorted(f, signals.band_hz * np.concatenate([[0.0], np.geomspace(LOWEST, 1.0, BANDS)]))
+        first = np.searchsorted(
+            f, signals.band_hz * np.concatenate([[0.0], np.geomspace(LOWEST, 1.0, BANDS)])
+        )
         lines = np.abs(np.fft.rfft(x * tukey(n, TAPER)[:, None], axis=0)) ** 2
-        return np.diff(first).clip(1)[:, None], np.add.reduceat(lines[: first[-1]], first[:-1], axis=0)
+        return np.diff(first).clip(1)[:, None], np.add.reduceat(
+            lines[: first[-1]], first[:-1], axis=0
+        )
 
     def _white(self, lines: np.ndarray, power: np.ndarray) -> np.ndarray:
         """Power (n_m,) of the noise of the torques in a line: of the record, at most what the quietest residuals allow.
@@ -264,14 +309,18 @@ class GearModel:
     def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Deflections of gears, torques of their elements, and these with the residuals: (k, gears, 3), arm side."""
         p, gears, at = self.numbers(theta), list(self.sought.gears), self.motion.samples
-        (x,) = self._simulate(p[None], self.motion, self.arm.rest(at[0, : self.n_m], p)[None], states=True)
+        (x,) = self._simulate(
+            p[None], self.motion, self.arm.rest(at[0, : self.n_m], p)[None], states=True
+        )
         kept = slice(self.signals.margin + self.first, len(at) - self.signals.margin)
         each = x[kept, x.shape[1] - self.count :]
         z = each @ np.equal.outer(self.at, gears)
         d = self.arm.deflections(x[kept], at[kept], p)[:, gears]
         return np.stack([d, z, z - (error @ self.equations.model.eta)[:, gears]], axis=2)
 
-    def _simulate(self, p: np.ndarray, motion: MotorMotion, start: np.ndarray, states: bool = False) -> np.ndarray:
+    def _simulate(
+        self, p: np.ndarray, motion: MotorMotion, start: np.ndarray, states: bool = False
+    ) -> np.ndarray:
         """Motor torques (k, n, n_m) at the samples, or states, from start states (k, n_x) with numbers p (k, n_p)."""
         inputs = motion.inputs
         sets, no_offset = np.zeros(len(p), np.int64), np.zeros((len(p), inputs.shape[2]))
@@ -296,8 +345,13 @@ class GearModel:
                 "reversals whose torques are several times those of the hysteresis, and a longer record",
             )
             if not self.count:
-                what, more = "arm does", "a longer record: a vibration behind the motors decays slowly"
-            raise ArgumentError(f"record: given a motion in which the {what} not forget how it began, expected {more}")
+                what, more = (
+                    "arm does",
+                    "a longer record: a vibration behind the motors decays slowly",
+                )
+            raise ArgumentError(
+                f"record: given a motion in which the {what} not forget how it began, expected {more}"
+            )
         return first_sample
 
 
@@ -318,7 +372,16 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         return float(r @ r), J.T @ r, J.T @ J
 
     for close in CLOSE:
-        fit = minimize(sums, cost, theta, theta, free, (lower, upper), distance=close, count=model.measured.size)
+        fit = minimize(
+            sums,
+            cost,
+            theta,
+            theta,
+            free,
+            (lower, upper),
+            distance=close,
+            count=model.measured.size,
+        )
         theta = fit.x
         model.take_out_step_errors(theta)
         white = Whitening(model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1])
@@ -331,7 +394,8 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         error, change, covariance = _correct(model, theta, white, lower < upper, draws)
         here = theta[: model.parts]
         theta = theta - change
-        theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))  # never negative
+        # never negative
+        theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))
         theta = np.clip(theta, lower, upper)
         size = float((np.abs(change) / np.maximum(np.sqrt(np.diag(covariance)), 1e-300)).max())
         if n >= len(DRAWS) and size <= SMALL:
@@ -345,7 +409,10 @@ def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
     lower[: model.parts], upper[: model.parts] = 1 / REACH, REACH
     lower[model.shapes - model.count : model.shapes] = STIFF
     exponent = model.units[model.shapes : model.parts]
-    lower[model.shapes : model.parts], upper[model.shapes : model.parts] = 1.0 / exponent, SHARPEST / exponent
+    lower[model.shapes : model.parts], upper[model.shapes : model.parts] = (
+        1.0 / exponent,
+        SHARPEST / exponent,
+    )
     lower[model.parts : model.errors], upper[model.parts : model.errors] = LEAST_LOST, MOST_LOST
     return lower, upper
 
@@ -402,13 +469,19 @@ def _correct(
         scores -= pair / draws
         parts = np.add.reduceat(pair - own, cut)
         parts -= parts.mean(axis=0)
-        spread += parts.T @ parts / draws  # of the part of the noise, which the record has by chance more or less of
+        # of the part of the noise, which the record has by chance more or less of
+        spread += parts.T @ parts / draws
     blocks = np.add.reduceat(scores, cut)
     return error, *_solve(A, raw.sum(axis=0), blocks, spread, free, model.errors)
 
 
 def _solve(
-    A: np.ndarray, raw: np.ndarray, blocks: np.ndarray, spread: np.ndarray, free: np.ndarray, numbers: int
+    A: np.ndarray,
+    raw: np.ndarray,
+    blocks: np.ndarray,
+    spread: np.ndarray,
+    free: np.ndarray,
+    numbers: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Change of theta and its covariance, see `_correct`.
 

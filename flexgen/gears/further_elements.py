@@ -26,10 +26,13 @@ from flexgen.gears.whitening import Whitening
 from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.parameters import with_values
 
-APART = 3.0  # deflections of slip of the first and the last further element over those of the gear's, or its inverse
+# deflections of slip of the first and the last further element over those of the gear's, or its
+# inverse
+APART = 3.0
 SMALL = 1e-3  # stiffness of a further element over that of the gear
 NONE = 1e-9  # the same where it is left out
-SEEN = (4.0, 8.0)  # sizes over their deviations that noise does not make, nor the start of a sliding friction
+# sizes over their deviations that noise does not make, nor the start of a sliding friction
+SEEN = (4.0, 8.0)
 PAIRS = 4  # of samples of noise
 MOVES = 1.5  # changes of lost motions over their deviations, from which they count
 
@@ -88,7 +91,9 @@ class _FurtherElements:
 
     def __init__(self, model: GearModel, theta: np.ndarray) -> None:
         self.model, self.theta, elements, n = model, theta, list[Element](), len(model.names)
-        values, K_h, W, *_ = np.split(model.numbers(theta), [n, n + model.count, n + 2 * model.count])
+        values, K_h, W, *_ = np.split(
+            model.numbers(theta), [n, n + model.count, n + 2 * model.count]
+        )
         given = dict(zip(model.names, values.tolist(), strict=True))
         K = gear_stiffness(with_values(model.equations.model, given), np.inf)
         sought, wide = model.sought, theta[model.parts : model.errors] > NO_LOST
@@ -100,7 +105,9 @@ class _FurtherElements:
         self.K = K[self.gears]
         if elements:
             self.driven, laws = copy(model), (*sought.elements, *elements)
-            arm = DrivenArm(model.equations, laws, sought.exponents, sought.errors, sought.harmonics)
+            arm = DrivenArm(
+                model.equations, laws, sought.exponents, sought.errors, sought.harmonics
+            )
             self.driven.arm = arm
             self.driven.segments = arm.segments(model.signals.sample_s, model.segments.steps)
 
@@ -110,23 +117,33 @@ class _FurtherElements:
 
         def sums(motion: MotorMotion) -> tuple[np.ndarray, np.ndarray]:
             error, J = model.derivatives(self.theta, motion)
-            J = white(np.concatenate([J, self._derivatives(motion)], axis=2)).reshape(error.size, -1)
+            J = white(np.concatenate([J, self._derivatives(motion)], axis=2)).reshape(
+                error.size, -1
+            )
             return J.T @ J, J.T @ white(error).ravel()
 
         raw, own = sums(model.motion)
-        noisy = [sums(model.more_noise(seed, sign)) for seed in range(PAIRS) for sign in (1.0, -1.0)]
+        noisy = [
+            sums(model.more_noise(seed, sign)) for seed in range(PAIRS) for sign in (1.0, -1.0)
+        ]
         more, other = (np.mean([found[k] for found in noisy], axis=0) for k in range(2))
         return 2 * raw - more, raw, 2 * own - other
 
     def _derivatives(self, motion: MotorMotion) -> np.ndarray:
         """Of the torques (k, n_m) in the size of each element."""
         sizes = [SMALL * (np.arange(len(self.K)) == k) for k in range(-1, len(self.K))]
-        none, *each = self.driven.arm_torques([self._numbers(size + NONE) for size in sizes], motion)
+        none, *each = self.driven.arm_torques(
+            [self._numbers(size + NONE) for size in sizes], motion
+        )
         return np.stack([(x - none) / SMALL for x in each], axis=2)
 
     def _numbers(self, sizes: np.ndarray) -> np.ndarray:
         """Numbers of the driven arm with these elements."""
         model, n, c = self.model, len(self.model.names), self.model.count
         K_h, shapes = sizes * self.K, np.ones(len(sizes) * model.sought.exponents)
-        own = np.split(model.numbers(self.theta), [n + c, n + 2 * c, n + 2 * c + c * model.sought.exponents])
-        return np.concatenate([own[0], K_h, own[1], K_h * np.array(self.lost) / 2, own[2], shapes, own[3]])
+        own = np.split(
+            model.numbers(self.theta), [n + c, n + 2 * c, n + 2 * c + c * model.sought.exponents]
+        )
+        return np.concatenate(
+            [own[0], K_h, own[1], K_h * np.array(self.lost) / 2, own[2], shapes, own[3]]
+        )

@@ -32,9 +32,11 @@ from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_types
 
 SHARP = 2.0  # exponent where the search for it begins, at least
-NOISE, LEAST = 1.5, 5e-4  # residuals over those that noise explains, and over the torques: more is a model error
+# residuals over those that noise explains, and over the torques: more is a model error
+NOISE, LEAST = 1.5, 5e-4
 EXCESS = 3.0  # the same in a band of frequencies
-NARROWER = (0.6, 0.36)  # times the band: where noise hides a gear, the model agrees in a narrower one
+# times the band: where noise hides a gear, the model agrees in a narrower one
+NARROWER = (0.6, 0.36)
 
 
 @checked_types(own=("band_hz", "harmonics", "cogging"))
@@ -113,9 +115,15 @@ def identify_gears(
     gears = chosen if hysteresis else ()
     _refuse_ignored(robot, gears)
     names = [robot.coordinates[robot.i_g[k]].name for k in chosen]
-    free = [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")] if free is None else list(free)
+    free = (
+        [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")]
+        if free is None
+        else list(free)
+    )
     plain = without_hysteresis(robot)
-    fitted = [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
+    fitted = (
+        [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
+    )
     orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)
     first = _first_elements(robot, gears, elements, exponents, record)
     sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
@@ -126,8 +134,16 @@ def identify_gears(
         return _result(robot, fitted, model, _estimate(model, tell))
 
     result = fit(signals_of(record, robot.n_m, band_hz))
-    final = band_hz is not None or result.lacking or result.status in (GearStatus.FITTED, GearStatus.NOISE)
-    return result if final else _in_narrower_bands(result, lambda hz: fit(signals_of(record, robot.n_m, hz)), tell)
+    final = (
+        band_hz is not None
+        or result.lacking
+        or result.status in (GearStatus.FITTED, GearStatus.NOISE)
+    )
+    return (
+        result
+        if final
+        else _in_narrower_bands(result, lambda hz: fit(signals_of(record, robot.n_m, hz)), tell)
+    )
 
 
 def _estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
@@ -150,7 +166,9 @@ def _refuse_ignored(robot: RobotModel, gears: Sequence[int]) -> None:
         )
 
 
-def _in_narrower_bands(result: GearFit, fit: Callable[[float], GearFit], tell: Callable[[str], None]) -> GearFit:
+def _in_narrower_bands(
+    result: GearFit, fit: Callable[[float], GearFit], tell: Callable[[str], None]
+) -> GearFit:
     """The result, as one that noise spoils where the model agrees in a narrower band."""
     for part in NARROWER:
         band = part * result.band_hz
@@ -172,7 +190,9 @@ def _first_elements(
     Lost motions are in units of 1 arcmin, of a translation of its deflection under the torques of the record.
     """
     if count is not None and (count is True or not 1 <= count <= ELEMENTS):
-        raise ArgumentError(f"elements: given {show_value(count)}, expected a whole number from 1 to {ELEMENTS}")
+        raise ArgumentError(
+            f"elements: given {show_value(count)}, expected a whole number from 1 to {ELEMENTS}"
+        )
     K, out = gear_stiffness(without_hysteresis(robot), np.inf), []
     for k in gears:
         found, unit = [], ARCMIN
@@ -180,12 +200,21 @@ def _first_elements(
             unit = float((record["tau_m"] @ robot.eta[:, k]).std() / K[k]) or ARCMIN
         for x in (x for x in gear_layers(robot) if x.present[k]):
             if not isinstance(law := x.laws[k], Hysteresis):
-                raise ArgumentError(f"hysteresis: given the law {type(law).__name__}, expected that of Bouc and Wen")
-            found.append(Element(k, x.stiffness[k], 2 * x.slip[k] / K[k], law.exponent, law.gamma, unit))
+                raise ArgumentError(
+                    f"hysteresis: given the law {type(law).__name__}, expected that of Bouc and Wen"
+                )
+            found.append(
+                Element(k, x.stiffness[k], 2 * x.slip[k] / K[k], law.exponent, law.gamma, unit)
+            )
         if count not in (None, len(found)) or not found:
             n = count or 1
-            found = [Element(k, K[k] / n, unit * 2.0 ** (j - (n - 1) / 2), unit=unit) for j in range(n)]
-        out += [replace(each, exponent=max(each.exponent, SHARP)) if exponents else each for each in found]
+            found = [
+                Element(k, K[k] / n, unit * 2.0 ** (j - (n - 1) / 2), unit=unit) for j in range(n)
+            ]
+        out += [
+            replace(each, exponent=max(each.exponent, SHARP)) if exponents else each
+            for each in found
+        ]
     return tuple(out)
 
 
@@ -208,25 +237,38 @@ def _choose(robot: RobotModel, joints: Sequence[str] | None) -> tuple[int, ...]:
         if gear.spring is not None
     }
     if not elastic:
-        raise ArgumentError(f"{robot.title}: given a model without elastic gears, expected one with some")
+        raise ArgumentError(
+            f"{robot.title}: given a model without elastic gears, expected one with some"
+        )
     wrong = [name for name in joints or () if name not in elastic]
     if wrong:
-        raise ArgumentError(f"joints: given {show_value(wrong)}, expected some of {', '.join(elastic)}")
+        raise ArgumentError(
+            f"joints: given {show_value(wrong)}, expected some of {', '.join(elastic)}"
+        )
     return tuple(k for name, k in elastic.items() if joints is None or name in joints)
 
 
-def _result(robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, found: Estimate) -> GearFit:
+def _result(
+    robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, found: Estimate
+) -> GearFit:
     """The numbers of the model that a fit found, with its status."""
-    noise, error, size = fit.noise(found.theta, found.error), found.error.std(axis=0), fit.measured.std(axis=0)
+    noise, error, size = (
+        fit.noise(found.theta, found.error),
+        found.error.std(axis=0),
+        fit.measured.std(axis=0),
+    )
     finite = bool(np.isfinite(found.covariance).all())
-    excess = fit.excess(found.theta, found.error, found.covariance if finite else np.zeros_like(found.covariance))
+    excess = fit.excess(
+        found.theta, found.error, found.covariance if finite else np.zeros_like(found.covariance)
+    )
     status = GearStatus.FITTED
     if not found.converged or not finite:
         status = GearStatus.NOT_CONVERGED
     if (error > np.hypot(NOISE * noise, LEAST * size)).any() or (excess[1] > EXCESS).any():
         status = GearStatus.MODEL_ERROR
     elif status is GearStatus.FITTED and (excess[0] > EXCESS).any():
-        status = GearStatus.NOISE  # what is left may be the errors of numbers that the noise lets determine poorly
+        # what is left may be the errors of numbers that the noise lets determine poorly
+        status = GearStatus.NOISE
     lacking = gears_that_lack_elements(fit, found) if status is GearStatus.FITTED else ()
     numbers = _Numbers(robot, fitted, fit, found)
     return GearFit(
@@ -274,25 +316,41 @@ class _Numbers:
             joint, key = self._joint(k)
             unit, ratio = joint.unit, gears_of(self.robot)[k][1]
             rows = [("lost_motion", unit, 1.0, fit.parts)]
-            rows.append(("stiffness", "N/m" if unit == "m" and ratio == 1.0 else "N m/rad", ratio**2, len(self.fitted)))
+            rows.append(
+                (
+                    "stiffness",
+                    "N/m" if unit == "m" and ratio == 1.0 else "N m/rad",
+                    ratio**2,
+                    len(self.fitted),
+                )
+            )
             shape = [("exponent", "", 1.0, fit.shapes)] * fit.sought.exponents
-            sums = [self._sum_of([first + each for each in at], scale) for _, _, scale, first in rows]
+            sums = [
+                self._sum_of([first + each for each in at], scale) for _, _, scale, first in rows
+            ]
             wide = self.found.theta[[fit.parts + each for each in at]] > NO_LOST
             known = bool(wide.all()) and all(sd < WEAK * x for x, sd in sums)
             for (name, own, _, _), found in zip(rows, sums, strict=True):
                 if len(at) > 1:
-                    out.append(Number(f"{joint.name}.hysteresis.{name}", *found, own, ("", "", -1), known))
+                    out.append(
+                        Number(f"{joint.name}.hysteresis.{name}", *found, own, ("", "", -1), known)
+                    )
             for n, each in enumerate(at):
                 for name, own, scale, first in (*rows, *shape):
                     label = name if len(at) == 1 else f"{name}_{n + 1}"
                     change = (f"{key}.hysteresis", name, n)
                     found = self._sum_of([first + each], scale)
-                    out.append(Number(f"{joint.name}.hysteresis.{label}", *found, own, change, known))
+                    out.append(
+                        Number(f"{joint.name}.hysteresis.{label}", *found, own, change, known)
+                    )
         return out
 
     def _elements(self) -> list[tuple[int, list[int]]]:
         """Gears and the numbers of their elements."""
-        return [(k, [n for n, gear in enumerate(self.fit.at) if gear == k]) for k in self.fit.sought.gears]
+        return [
+            (k, [n for n, gear in enumerate(self.fit.at) if gear == k])
+            for k in self.fit.sought.gears
+        ]
 
     def laws(self) -> dict[str, tuple[dict[str, float], ...]]:
         """Exponent and gamma of the elements of gears that are not Dahl's, and not fitted, in `GearFit.changes`."""
@@ -316,7 +374,13 @@ class _Numbers:
         for gear in self.fit.sought.errors:
             joint, key = self._joint(gear)
             pairs = [(k + at, k + len(orders) + at) for at in range(len(orders))]
-            out += self._sum(f"{joint.name}.transmission_error", joint.unit, f"{key}.transmission_error", orders, pairs)
+            out += self._sum(
+                f"{joint.name}.transmission_error",
+                joint.unit,
+                f"{key}.transmission_error",
+                orders,
+                pairs,
+            )
             k += 2 * len(orders)
         return out
 
@@ -324,12 +388,21 @@ class _Numbers:
         out, n, orders = [], self.fit.n_m, self.fit.sought.cogging
         first = self.fit.bent + FRICTIONS * n
         for j, motor in enumerate(self.robot.motors):
-            pairs = [(first + 2 * at * n + j, first + (2 * at + 1) * n + j) for at in range(len(orders))]
-            out += self._sum(f"{motor.name}.cogging", "N m", f"motor.{motor.name}.cogging", orders, pairs)
+            pairs = [
+                (first + 2 * at * n + j, first + (2 * at + 1) * n + j) for at in range(len(orders))
+            ]
+            out += self._sum(
+                f"{motor.name}.cogging", "N m", f"motor.{motor.name}.cogging", orders, pairs
+            )
         return out
 
     def _sum(
-        self, name: str, unit: str, key: str, orders: Sequence[int], pairs: Sequence[tuple[int, int]]
+        self,
+        name: str,
+        unit: str,
+        key: str,
+        orders: Sequence[int],
+        pairs: Sequence[tuple[int, int]],
     ) -> list[Number]:
         """Coefficients of a Fourier sum, whose entries of theta are ``pairs``; determined by their amplitude."""
         out = []

@@ -57,11 +57,18 @@ class MotorFriction:
         limit = self.signals.band_hz * self.signals.sample_s / self.parts
         reach = len(self._taps) - 1
         least = np.where(motors, MOVING * np.abs(v).max(axis=0), -1.0)
-        self.rests = tuple(Rests(x, y, limit, self._filter, self.parts, reach) for x, y in zip(v.T, least, strict=True))
+        self.rests = tuple(
+            Rests(x, y, limit, self._filter, self.parts, reach)
+            for x, y in zip(v.T, least, strict=True)
+        )
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """Torques (k, n_m, ...) without what friction at standstill can do."""
-        return np.stack([rest.project(x[:, j]) for j, rest in enumerate(self.rests)], axis=1) if self.rests else x
+        return (
+            np.stack([rest.project(x[:, j]) for j, rest in enumerate(self.rests)], axis=1)
+            if self.rests
+            else x
+        )
 
     def _speeds(self, motion: MotorMotion) -> np.ndarray:
         """Speeds (n, n_m) at all instants."""

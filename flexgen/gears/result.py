@@ -31,7 +31,11 @@ LACKING = (
 class GearStatus(ExplainedStatus):
     """Status of the identification of gears."""
 
-    FITTED = ("fitted", "The model agrees with the record within the noise.", "Use the changes of the model.")
+    FITTED = (
+        "fitted",
+        "The model agrees with the record within the noise.",
+        "Use the changes of the model.",
+    )
     MODEL_ERROR = (
         "model error",
         "The model differs from the record by more than the noise.",
@@ -135,7 +139,11 @@ class GearFit(Result):
         """Why the numbers cannot be used as they are."""
         if self.lacking:
             return f"{self.status}: {LACKING.format(', '.join(self.lacking))}"
-        return "" if self.status is GearStatus.FITTED else f"{self.status}: {self.status.sentence} {self.status.advice}"
+        return (
+            ""
+            if self.status is GearStatus.FITTED
+            else f"{self.status}: {self.status.sentence} {self.status.advice}"
+        )
 
     @property
     def values(self) -> dict[str, float]:
@@ -150,8 +158,15 @@ class GearFit(Result):
 
     def sentence(self) -> str:
         """The result in words."""
-        found = list(dict.fromkeys(n.name.rpartition(".")[0] for n in self.numbers if n.determined and n.change[1]))
-        words = ", ".join(name.replace("_", " ") for name in found) or "nothing that the record determines"
+        found = list(
+            dict.fromkeys(
+                n.name.rpartition(".")[0] for n in self.numbers if n.determined and n.change[1]
+            )
+        )
+        words = (
+            ", ".join(name.replace("_", " ") for name in found)
+            or "nothing that the record determines"
+        )
         return words if self.status is GearStatus.FITTED else f"{self.status}, {words}"
 
     @cached_property
@@ -165,10 +180,16 @@ class GearFit(Result):
             if not name:
                 changes[key] = number.value
             elif key in self.laws:
-                changes.setdefault(key, [dict(law) for law in self.laws[key]])[index][name] = number.value
+                changes.setdefault(key, [dict(law) for law in self.laws[key]])[index][name] = (
+                    number.value
+                )
             else:
                 orders = list(self.cogging if key.startswith("motor.") else self.harmonics)
-                empty = {"harmonics": orders, "cos": [0.0] * len(orders), "sin": [0.0] * len(orders)}
+                empty = {
+                    "harmonics": orders,
+                    "cos": [0.0] * len(orders),
+                    "sin": [0.0] * len(orders),
+                }
                 changes.setdefault(key, empty)[name][index] = number.value
         alone = {key: changes[key][0] for key in self.laws if len(changes.get(key, ())) == 1}
         return changes | alone
@@ -206,11 +227,18 @@ class GearFit(Result):
             text = f"{number.value:.4g}" if number.determined else "not determined"
             if number.determined and self.status is GearStatus.FITTED:
                 text += f" +- {number.sd:.2g}"
-            rows.append(Figure(number.name, text, number.unit if number.determined else "", number.name))
+            rows.append(
+                Figure(number.name, text, number.unit if number.determined else "", number.name)
+            )
         worst = int(np.argmax(self.unexplained / self.noise))
         return (
             *rows,
-            Figure("unexplained torque, root mean square", float(self.unexplained[worst]), "N m", "unexplained_Nm"),
+            Figure(
+                "unexplained torque, root mean square",
+                float(self.unexplained[worst]),
+                "N m",
+                "unexplained_Nm",
+            ),
             Figure("noise in it", float(self.noise[worst]), "N m", "noise_Nm"),
             Figure("compared up to", self.band_hz, "Hz", "band_hz"),
             Figure("torques recorded late by", self.delay_s, "s", "delay_s"),
@@ -221,6 +249,11 @@ class GearFit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, standard deviations where they are stated, and changes of the model, as JSON types, SI units."""
-        found: Mapping[str, Any] = {name: plain(getattr(self, name)) for name in ("values", "sd", "changes", "status")}
-        others = {name: plain(getattr(self, name)) for name in ("unexplained", "noise", "band_hz", "delay_s")}
+        found: Mapping[str, Any] = {
+            name: plain(getattr(self, name)) for name in ("values", "sd", "changes", "status")
+        }
+        others = {
+            name: plain(getattr(self, name))
+            for name in ("unexplained", "noise", "band_hz", "delay_s")
+        }
         return {"model": self.robot.title, **found, **others}

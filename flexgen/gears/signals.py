@@ -28,11 +28,15 @@ LEAST_HZ, MOST = 5.0, 1 / 20  # of the band; the latter of the sample rate
 LEAST = 6  # lengths of the filter in a record, at least
 TAPS = 12  # length of the filter in periods of the end of the band
 WINDOW = ("kaiser", 9.0)
-WIDE = (2.0, 3.0)  # end of the band of the angles over that of the torques: with smooth torques, and with rough ones
+# end of the band of the angles over that of the torques: with smooth torques, and with rough ones
+WIDE = (2.0, 3.0)
 ROUGH = 1e-3  # of the torques: white noise in them from which they are rough
-SPECTRUM_S, STEEP = 4.0, ("kaiser", 18.0)  # pieces of the record; their window, whose side lobes are below the noise
+# pieces of the record; their window, whose side lobes are below the noise
+SPECTRUM_S, STEEP = 4.0, ("kaiser", 18.0)
 PER_PERIOD = 5  # samples in the period of that end, at least
-EVEN = 0.02  # of a step: largest difference of a time from that of equal steps, such as by the rounding of a clock
+# of a step: largest difference of a time from that of equal steps, such as by the rounding of a
+# clock
+EVEN = 0.02
 QUIET = 0.35  # of the sample rate, above which all is noise
 
 
@@ -69,7 +73,12 @@ class Signals:
 
     @cached_property
     def _again(self) -> np.ndarray:
-        return firwin(_count(1.0 / self.sample_s, self.band_hz), self.band_hz, fs=1.0 / self.sample_s, window=WINDOW)
+        return firwin(
+            _count(1.0 / self.sample_s, self.band_hz),
+            self.band_hz,
+            fs=1.0 / self.sample_s,
+            window=WINDOW,
+        )
 
     @property
     def torque_noise(self) -> np.ndarray:
@@ -80,7 +89,9 @@ class Signals:
 
     def angle_noise(self, rng: np.random.Generator) -> np.ndarray:
         """A sample (n, n_m) of the noise of the angles after the first filter [rad]."""
-        white = rng.normal(size=(self.every * (len(self.time) - 1) + len(self.taps), len(self.angle_sd)))
+        white = rng.normal(
+            size=(self.every * (len(self.time) - 1) + len(self.taps), len(self.angle_sd))
+        )
         return _filter(white * self.angle_sd, self.taps, self.every)
 
 
@@ -101,10 +112,14 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
         if not np.isfinite(x).all():
             raise ArgumentError(f"record: given NaN or infinity in {name}, expected finite numbers")
     if np.abs(record.time - record.time[0] - time).max() > EVEN * time[1]:
-        raise ArgumentError("record: given unequal steps in time, expected the same step between all samples")
+        raise ArgumentError(
+            "record: given unequal steps in time, expected the same step between all samples"
+        )
     still = [str(j + 1) for j in np.flatnonzero(np.ptp(q_m, axis=0) == 0.0)]
     if still:
-        raise ArgumentError(f"record: given motor {', '.join(still)} at rest, expected that all motors move")
+        raise ArgumentError(
+            f"record: given motor {', '.join(still)} at rest, expected that all motors move"
+        )
     rate = (n - 1) / span
     size = min(n, int(SPECTRUM_S * rate))
     pieces = (n - size // 2) // (size - size // 2)  # which overlap by a half

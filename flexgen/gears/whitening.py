@@ -33,7 +33,11 @@ class Whitening:
     @classmethod
     def of_bands(cls, lines: np.ndarray, power: np.ndarray, model: Torques) -> Whitening:
         """The same for the ``power`` (bands, n_m) of a noise in bands of so many ``lines`` (bands, 1)."""
-        n, middle, made = len(model.measured), (np.cumsum(lines) - lines[:, 0] / 2), cls.__new__(cls)
+        n, middle, made = (
+            len(model.measured),
+            (np.cumsum(lines) - lines[:, 0] / 2),
+            cls.__new__(cls),
+        )
         at, levels = np.arange(n // 2 + 1), np.log(power / lines / n)
         made._weigh(np.exp([np.interp(at, middle, each) for each in levels.T]).T, model)
         return made
@@ -41,7 +45,10 @@ class Whitening:
     def _weigh(self, density: np.ndarray, model: Torques) -> None:
         """Weights for a density (lines, n_m)."""
         n, signals = len(model.measured), model.signals
-        self._taper, inside = tukey(n, TAPER), np.fft.rfftfreq(n) / signals.sample_s <= signals.band_hz
+        self._taper, inside = (
+            tukey(n, TAPER),
+            np.fft.rfftfreq(n) / signals.sample_s <= signals.band_hz,
+        )
         self._weight = inside[:, None] / np.sqrt(density)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:

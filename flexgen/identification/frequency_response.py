@@ -25,17 +25,24 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.loop.controllers import Cascade
-from flexgen.numerics.records import TRANSIENT, first_period_differs, first_period_excess, slow_transients
+from flexgen.numerics.records import (
+    TRANSIENT,
+    first_period_differs,
+    first_period_excess,
+    slow_transients,
+)
 from flexgen.numerics.response_estimates import estimate
 from flexgen.numerics.spectra import without_transients
 from flexgen.results import ArrayResult
 from flexgen.type_checks import checked_result, checked_types
 
-REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat
+# a period that differs from the others by more than this times their scatter does not repeat
+REPEATS = 6.0
 UNLIKE = 0.3  # of the signal: periods that differ so much from each other are a warning
 LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
 LARGEST = 1e100  # of a response or a variance in a file
-OVERLAP = 1 + 2 / 36  # variance of the mean over half overlapping Hann segments, over that of independent ones
+# variance of the mean over half overlapping Hann segments, over that of independent ones
+OVERLAP = 1 + 2 / 36
 OPTIONAL = ("total", "noise_UU", "noise_YU", "torques", "numbers", "gains")  # arrays of a file
 LEAST_TOTAL = 3  # realizations for a total covariance
 
@@ -164,21 +171,36 @@ class Frf(ArrayResult):
         """Arrays and other data of a file."""
         names = ["poses", "w", "G", "UU", "C", "variance", "speed_sd"]
         names += [name for name in OPTIONAL if getattr(self, name) is not None]
-        meta = {name: getattr(self, name) for name in ("model", "periods", "experiments", "sample_s", "delay_s")}
-        meta |= {name: list(getattr(self, name)) for name in ("motors", "warnings", "sensors", "orders")}
+        meta = {
+            name: getattr(self, name)
+            for name in ("model", "periods", "experiments", "sample_s", "delay_s")
+        }
+        meta |= {
+            name: list(getattr(self, name)) for name in ("motors", "warnings", "sensors", "orders")
+        }
         meta["units"] = {"G": "rad/s^2 / (N m)", "UU": "(N m)^2", "w": "rad/s", "poses": "rad"}
         return {name: getattr(self, name) for name in names}, {**meta, "side": "motor"}
 
     @classmethod
     def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Frf:
         """The responses with these data; the inverse of `data`."""
-        poses, w, G, UU, C, variance = (arrays[name] for name in ("poses", "w", "G", "UU", "C", "variance"))
+        poses, w, G, UU, C, variance = (
+            arrays[name] for name in ("poses", "w", "G", "UU", "C", "variance")
+        )
         n, shape = len(meta["motors"]), (len(poses), len(w))
-        sensors, orders = tuple(map(str, meta.get("sensors", ()))), tuple(map(int, meta.get("orders", ())))
+        sensors, orders = (
+            tuple(map(str, meta.get("sensors", ()))),
+            tuple(map(int, meta.get("orders", ()))),
+        )
         m = n + len(sensors)
         sizes = ((G, m, n), (variance, m, n), (UU, n, n), (C, m, m))
         wrong = any(x.shape != (*shape, *size) for x, *size in sizes)
-        if wrong or poses.shape != (shape[0], n) or len(orders) != len(sensors) or not set(orders) <= {0, 1, 2}:
+        if (
+            wrong
+            or poses.shape != (shape[0], n)
+            or len(orders) != len(sensors)
+            or not set(orders) <= {0, 1, 2}
+        ):
             raise ValueError("arrays of different sizes")
         if G.size == 0 or np.any(w <= 0) or np.any(np.diff(w) <= 0) or np.any(variance < 0):
             raise ValueError("expected rising frequencies > 0 and variances >= 0")
@@ -195,7 +217,10 @@ class Frf(ArrayResult):
             raise ValueError(f"G, UU, C: expected numbers between 0 and {LARGEST:g}")
         noise = arrays.get("noise_UU"), arrays.get("noise_YU")
         shapes = [None if x is None else x.shape for x in noise]
-        if arrays["speed_sd"].shape != (len(poses), n) or arrays.get("total", variance).shape != variance.shape:
+        if (
+            arrays["speed_sd"].shape != (len(poses), n)
+            or arrays.get("total", variance).shape != variance.shape
+        ):
             raise ValueError("arrays of different sizes")
         if shapes not in ([None, None], [UU.shape, G.shape]):
             raise ValueError("noise_UU, noise_YU: expected both, of the sizes of UU and G, or none")
@@ -204,7 +229,9 @@ class Frf(ArrayResult):
         counts = int(meta["periods"]), int(meta["experiments"])
         times = float(meta["sample_s"]), float(meta["delay_s"])
         if min(*counts, 1 + min(times)) < 1 or not np.isfinite(times).all():
-            raise ValueError("periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0")
+            raise ValueError(
+                "periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0"
+            )
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
             *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise, *motion,
@@ -212,7 +239,9 @@ class Frf(ArrayResult):
 
 
 @checked_types
-def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transients: bool = False) -> Frf:
+def frf(
+    experiment: Experiment, *, average: AverageName = "arithmetic", transients: bool = False
+) -> Frf:
     """Estimate the frequency responses of an experiment.
 
     Parameters
@@ -301,15 +330,23 @@ def _check_motion(motion: Sequence[np.ndarray | None], k: int, lines: int, n: in
     if torques.ndim != 5 or numbers.shape != (lines,) or gains.shape != (3, n):
         raise ValueError("torques, numbers, gains: arrays of different sizes")
     if torques.shape != (k, torques.shape[1], lines, n, torques.shape[4]) or torques.shape[4] < n:
-        raise ValueError("torques: expected those of each pose, line and motor, in an experiment for each motor")
-    if max(np.abs(x).max() for x in (torques, numbers, gains)) > LARGEST or np.any(np.diff(numbers, prepend=0) <= 0):
-        raise ValueError(f"torques, numbers, gains: expected numbers up to {LARGEST:g}, those of lines rising from 1")
+        raise ValueError(
+            "torques: expected those of each pose, line and motor, in an experiment for each motor"
+        )
+    if max(np.abs(x).max() for x in (torques, numbers, gains)) > LARGEST or np.any(
+        np.diff(numbers, prepend=0) <= 0
+    ):
+        raise ValueError(
+            f"torques, numbers, gains: expected numbers up to {LARGEST:g}, those of lines rising from 1"
+        )
 
 
 def _check(experiment: Experiment, average: str, transients: bool) -> None:
     """ArgumentError where an experiment cannot be estimated in this way."""
     if average == "harmonic" and experiment.plan.sensors:
-        raise ArgumentError("average: given 'harmonic' with sensors, expected as many outputs as motors; take another")
+        raise ArgumentError(
+            "average: given 'harmonic' with sensors, expected as many outputs as motors; take another"
+        )
     if np.any(experiment.saturated):
         where = ", ".join(str(k + 1) for k in np.flatnonzero(experiment.saturated))
         raise ArgumentError(
@@ -320,7 +357,9 @@ def _check(experiment: Experiment, average: str, transients: bool) -> None:
         still = np.abs(experiment.signals).max(axis=tuple(range(5))) == 0.0
         if still.any():
             names = ", ".join(np.array(experiment.plan.sensors)[still])
-            raise ArgumentError(f"{experiment.source}: the sensor channels {names} do not move at all; leave them out")
+            raise ArgumentError(
+                f"{experiment.source}: the sensor channels {names} do not move at all; leave them out"
+            )
     if transients and (experiment.beside is None or not experiment.periodic):
         raise ArgumentError(
             f"transients: {experiment.source} has no spectra beside the lines; keep them with measure(beside=True) or "
@@ -341,7 +380,9 @@ def _orders(experiment: Experiment) -> tuple[int, ...]:
 def _inputs_outputs(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
     """Spectra of torques and accelerations, (k, realizations, periods, lines, channels, experiments)."""
     w = 2 * np.pi * experiment.plan.frequencies
-    outputs = [experiment.q_m] if experiment.signals is None else [experiment.q_m, experiment.signals]
+    outputs = (
+        [experiment.q_m] if experiment.signals is None else [experiment.q_m, experiment.signals]
+    )
     Y = (1j * w[:, None]) ** np.array(_orders(experiment)) * np.concatenate(outputs, axis=-1)
     return experiment.tau_m.transpose(0, 1, 3, 4, 5, 2), Y.transpose(0, 1, 3, 4, 5, 2)
 
@@ -361,7 +402,12 @@ def _average_without_transients(
     lines = found.lines.transpose(0, 1, 3, 4, 2)[:, :, None]
     # mean square of the offsets: that of the noise
     noise = found.noise.transpose(0, 1, 3, 4, 5, 2) / np.sqrt(found.freedom)
-    return lines[..., :n, :], lines[..., n:, :], (noise[..., :n, :], noise[..., n:, :]), found.spread
+    return (
+        lines[..., :n, :],
+        lines[..., n:, :],
+        (noise[..., :n, :], noise[..., n:, :]),
+        found.spread,
+    )
 
 
 def _torque_lines(lines: np.ndarray) -> str:
@@ -377,7 +423,9 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
 
     Compared by the size of all lines together, so that noise of single lines averages out.
     """
-    away = Y - np.median(Y.real, axis=2, keepdims=True) - 1j * np.median(Y.imag, axis=2, keepdims=True)
+    away = (
+        Y - np.median(Y.real, axis=2, keepdims=True) - 1j * np.median(Y.imag, axis=2, keepdims=True)
+    )
     size = np.sqrt((np.abs(away) ** 2).sum(axis=(3, 4)))  # (k, realizations, periods, experiments)
     usual = np.median(size, axis=2, keepdims=True)
     scale = np.sqrt((np.abs(Y) ** 2).sum(axis=(3, 4))).mean(axis=2, keepdims=True)
@@ -394,7 +442,9 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
             f"{part:.2g} of the signal (the others by {others:.2g})"
         )
         if part > LARGEST_DIFFERENCE:
-            raise ArgumentError(f"{source}: {line}; leave out more transient periods, or look for lost samples")
+            raise ArgumentError(
+                f"{source}: {line}; leave out more transient periods, or look for lost samples"
+            )
         warnings.append(line)
     return tuple(warnings)
 
@@ -426,7 +476,9 @@ def _check_transients(experiment: Experiment) -> tuple[str, ...]:
     """A warning where a transient is in the first period that is used, or in all of them."""
     motors, more = experiment.plan.motors, "leave out more transient periods"
     if experiment.beside is not None:
-        found = np.flatnonzero(first_period_differs(experiment.tau_m, experiment.q_m) | slow_transients(experiment.q_m))
+        found = np.flatnonzero(
+            first_period_differs(experiment.tau_m, experiment.q_m) | slow_transients(experiment.q_m)
+        )
         return tuple(f"{TRANSIENT}: in the motion of {motors[i]}; {more}" for i in found[:1])
     excess = first_period_excess(experiment.tau_m)
     first = f"the first periods of the torque of {motors[int(excess.argmax())]} differ by {excess.max():.2g} times the"

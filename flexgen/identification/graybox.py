@@ -119,11 +119,15 @@ def identify(
     robot = model if isinstance(model, RobotModel) else read(model)
     _check(robot, data, residual, floor, starts, spread)
     names = default_free(robot) if free is None else free
-    vector = ParameterVector(robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties)
+    vector = ParameterVector(
+        robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties
+    )
     found = _fit(vector, data, residual, structured, floor, (starts, spread, seed), tell)
     tested = None
     if levels:
-        tested = compare_levels(Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels)
+        tested = compare_levels(
+            Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels
+        )
     return replace(found, source=source, amplitude=tested)
 
 
@@ -138,10 +142,14 @@ def _fit(
 ) -> IdentificationResult:
     """The fit: element by element from several starts, then with a model error or with the structure of the noise."""
     began = time.perf_counter()
-    recorded = {sensor.name for sensor in vector.model.sensors if set(sensor.channels) & set(data.sensors)}
+    recorded = {
+        sensor.name for sensor in vector.model.sensors if set(sensor.channels) & set(data.sensors)
+    }
     for name in vector.names:
         if is_of_sensor(name) and name.removesuffix(SENSOR_DELAY) not in recorded:
-            raise ArgumentError(f"free: given {name!r}, expected a sensor of the data: {', '.join(recorded) or 'none'}")
+            raise ArgumentError(
+                f"free: given {name!r}, expected a sensor of the data: {', '.join(recorded) or 'none'}"
+            )
     residuals = Residuals(vector, data, residual, floor or 0.0)
     residuals.average_springs(vector.start)
     degrees = max(residuals.count - len(vector) / 2, 1.0)  # complex residuals, real parameters
@@ -164,10 +172,14 @@ def _fit(
         left = residuals.find_unexplained(best.x)
         error, residuals, best = _with_model_error(vector, data, residuals, best, degrees, tell)
         error = left if error <= SMALL_ERROR < left else error
-    explained = data.total is None and error == 0.0 and COST_LEAST <= best.cost / degrees <= COST_MOST
+    explained = (
+        data.total is None and error == 0.0 and COST_LEAST <= best.cost / degrees <= COST_MOST
+    )
     if structured and explained and residual == "nls":
         residuals, best, left = _with_structure(vector, data, residuals, best, degrees)
-        error = left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
+        error = (
+            left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
+        )
     cost = best.cost / degrees
     status = _status(best, cost, error, data)
     causes: tuple[Cause, ...] = ()
@@ -189,7 +201,9 @@ def _fit(
         starts=len(fits),
         agreed=agreed,
         iterations=best.iterations,
-        at_bound=tuple(name for name, held in zip(vector.names, best.at_bound, strict=True) if held),
+        at_bound=tuple(
+            name for name, held in zip(vector.names, best.at_bound, strict=True) if held
+        ),
         weak=(*weak_directions(vector, best.A), *_report_hidden(vector, data, best.A, covariance)),
         data=measured,
         variance=residuals.variance,
@@ -200,7 +214,9 @@ def _fit(
     )
 
 
-def _check(robot: RobotModel, data: Frf, residual: str, floor: float | None, starts: int, spread: float) -> None:
+def _check(
+    robot: RobotModel, data: Frf, residual: str, floor: float | None, starts: int, spread: float
+) -> None:
     """ArgumentError where data or settings cannot be used."""
     motors = tuple(motor.name for motor in robot.motors)
     if motors != data.motors:
@@ -229,12 +245,21 @@ def _with_structure(
     for _ in range(POLISHES):  # the levels of the noise depend on the responses
         polish.use_structure(fit.x)
         fit = _search(vector, polish, fit.x)
-    misfit, left = polish.misfit(fit.x) * residuals.count / polish.count, polish.find_unexplained(fit.x)
-    return (residuals, best, left) if misfit > COST_MOST * degrees else (polish, replace(fit, cost=misfit), left)
+    misfit, left = (
+        polish.misfit(fit.x) * residuals.count / polish.count,
+        polish.find_unexplained(fit.x),
+    )
+    return (
+        (residuals, best, left)
+        if misfit > COST_MOST * degrees
+        else (polish, replace(fit, cost=misfit), left)
+    )
 
 
 def _search(vector: ParameterVector, residuals: Residuals, start: np.ndarray) -> Fit:
-    return minimize(residuals.sums, residuals.cost, start, vector.start, vector.prior_sd, vector.bounds)
+    return minimize(
+        residuals.sums, residuals.cost, start, vector.start, vector.prior_sd, vector.bounds
+    )
 
 
 def _searches(
@@ -281,7 +306,11 @@ def _with_model_error(
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if (difference / (noise + middle**2 * size)).sum() > degrees else (low, middle)
+        low, high = (
+            (middle, high)
+            if (difference / (noise + middle**2 * size)).sum() > degrees
+            else (low, middle)
+        )
     residuals = plain.on(data, high)
     best = _search(vector, residuals, best.x)
     error = high
@@ -309,13 +338,22 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
     return FitStatus.FITTED
 
 
-def _report_hidden(vector: ParameterVector, data: Frf, A: np.ndarray, covariance: np.ndarray) -> tuple[str, ...]:
+def _report_hidden(
+    vector: ParameterVector, data: Frf, A: np.ndarray, covariance: np.ndarray
+) -> tuple[str, ...]:
     """Sentences on a transient, on what noise of torques hides, and on viscous frictions with Coulomb friction."""
     found = [line for line in data.warnings if TRANSIENT in line]
     if data.speed_sd.any() and (reason := obstacle(data)):
         found.append(f"the responses are not corrected for large motions: {reason}")
-    rows = zip(vector.unknowns, np.diag(np.linalg.pinv(2 * A, hermitian=True)), np.diag(covariance), strict=True)
-    if names := [u.name for u, formal, variance in rows if u.scale == "log" and formal < WEAK**2 < variance]:
+    rows = zip(
+        vector.unknowns,
+        np.diag(np.linalg.pinv(2 * A, hermitian=True)),
+        np.diag(covariance),
+        strict=True,
+    )
+    if names := [
+        u.name for u, formal, variance in rows if u.scale == "log" and formal < WEAK**2 < variance
+    ]:
         why = "noise of the torques causes too much of the motion that shows them; excite with a higher speed"
         found.append(f"not determined by the data: {', '.join(names)}: {why}")
     if names := [name for name in with_coulomb(vector.model) if name in vector.names]:
@@ -345,6 +383,8 @@ def weak_directions(vector: ParameterVector, A: np.ndarray) -> tuple[str, ...]:
         sign = np.sign(direction[main[0]])
         up = [vector.names[k] for k in main if np.sign(direction[k]) == sign]
         down = [vector.names[k] for k in main if np.sign(direction[k]) != sign]
-        words = f"{', '.join(up)} can change together" + (f", and {', '.join(down)} against them" if down else "")
+        words = f"{', '.join(up)} can change together" + (
+            f", and {', '.join(down)} against them" if down else ""
+        )
         out.append(f"{words} (sd {size})")
     return tuple(out)

@@ -42,7 +42,8 @@ from flexgen.model.friction import loaded_motors
 from flexgen.numerics.evaluate import Evaluator, evaluate
 
 NEWTON_STEPS = 50
-FREQUENCIES = (12.0, 35.0, 90.0, 250.0)  # Hz: of a new spring and the inertia that it carries, where its search begins
+# Hz: of a new spring and the inertia that it carries, where its search begins
+FREQUENCIES = (12.0, 35.0, 90.0, 250.0)
 DAMPING = 0.03  # of critical
 NEAR = 4  # images with springs, two on each side; later ones together have 2 % of what all add
 
@@ -83,7 +84,9 @@ class LocalModel:
         Those of the model.
     """
 
-    def __init__(self, model: RobotModel, parameters: Sequence[str], sensors: Sequence[str] = ()) -> None:
+    def __init__(
+        self, model: RobotModel, parameters: Sequence[str], sensors: Sequence[str] = ()
+    ) -> None:
         self.equations = Equations(model, parameters)
         self.model = model
         self.names = tuple(parameter.name for parameter in self.equations.parameters)
@@ -106,7 +109,11 @@ class LocalModel:
 
         Those that are not linear, and those of all gears where friction depends on their torques.
         """
-        model, C, loaded = self.equations.with_symbols, self.motor_rows, bool(loaded_motors(self.model))
+        model, C, loaded = (
+            self.equations.with_symbols,
+            self.motor_rows,
+            bool(loaded_motors(self.model)),
+        )
         theta, out = np.linalg.inv(model.eta) @ C, []
         factors = iter(zip(gears(model), theta, strict=True))
         for i, coordinate in enumerate(model.coordinates):
@@ -151,7 +158,9 @@ class LocalModel:
         derivatives = [ca.densify(ca.jacobian(r, x)) for x in (y, p, tau)]
         return ca.Function("rest", [y, p, tau, sd], [ca.densify(r), *derivatives])
 
-    def rest(self, values: np.ndarray, q_m: np.ndarray, deflection_sd: np.ndarray | None = None) -> Rest:
+    def rest(
+        self, values: np.ndarray, q_m: np.ndarray, deflection_sd: np.ndarray | None = None
+    ) -> Rest:
         """The robot at rest at the motor angles ``q_m`` (k, n_m), from a search that begins without deflections.
 
         ``deflection_sd`` (k, springs): standard deviations of the deflections of `springs`, for their mean torques.
@@ -191,12 +200,16 @@ class LocalModel:
                     f"equilibrium at pose {k + 1} (q_m = {np.round(angles, 4).tolist()} rad): not found, residual "
                     f"{best:.1e}, expected below 1e-9; choose another pose, or parameters nearer to those of the model"
                 )
-            by_p = np.linalg.solve(A / scale[:, None], np.vstack([-r_p, np.zeros((m, r_p.shape[1]))]) / scale[:, None])
+            by_p = np.linalg.solve(
+                A / scale[:, None], np.vstack([-r_p, np.zeros((m, r_p.shape[1]))]) / scale[:, None]
+            )
             out.append((y, tau, by_p[:n]))
         return Rest(*(np.array(x) for x in zip(*out, strict=True)))
 
     @cached_property
-    def _matrices(self) -> tuple[ca.Function, ca.Function, dict[str, tuple[np.ndarray, np.ndarray]]]:
+    def _matrices(
+        self,
+    ) -> tuple[ca.Function, ca.Function, dict[str, tuple[np.ndarray, np.ndarray]]]:
         """(y, p, deviations) -> M, D, K, B; the nonzero derivatives of M, D, K in p and y; where these stand.
 
         Deviations: of the speeds of motors and coordinates, then of the deflections of `springs`.
@@ -210,8 +223,12 @@ class LocalModel:
         deviations = ca.SX.sym("deviations", speeds + len(self.springs))
         r = self._average(e.residual, deviations[speeds:])
         jacobians = [ca.jacobian(r, x) for x in (ddy, dy, y, tau)]
-        M, D, K, B = (ca.densify(ca.substitute(x, still, ca.SX.zeros(still.numel()))) for x in jacobians)
-        D = D + ca.substitute(self._friction(deviations[:speeds], deviations[speeds:]), still, 0 * still)
+        M, D, K, B = (
+            ca.densify(ca.substitute(x, still, ca.SX.zeros(still.numel()))) for x in jacobians
+        )
+        D = D + ca.substitute(
+            self._friction(deviations[:speeds], deviations[speeds:]), still, 0 * still
+        )
         stacked = ca.vertcat(ca.vec(M), ca.vec(D), ca.vec(K))
         places, derivatives = {}, []
         for name, x in (("p", p), ("y", y)):
@@ -230,12 +247,24 @@ class LocalModel:
         """Mean slope of all friction laws less the slope at rest, as a matrix (n, n)."""
         model, C = self.equations.with_symbols, self.motor_rows
         D, loads = ca.SX.zeros(model.dof, model.dof), self.equations.lagrangian.tau_gm
-        by_deflection = ca.mtimes(ca.jacobian(loads, self.equations.y[0]), ca.DM(np.linalg.pinv(self.deflection_rows)))
-        spread = ca.sqrt(ca.mtimes(by_deflection**2, deflection_sd**2) + 1e-30)  # (the root has no derivative at 0)
-        laws: list[Any] = [(m.friction, C[j], (speed_sd[j], loads[j], spread[j])) for j, m in enumerate(model.motors)]
+        by_deflection = ca.mtimes(
+            ca.jacobian(loads, self.equations.y[0]), ca.DM(np.linalg.pinv(self.deflection_rows))
+        )
+        # (the root has no derivative at 0)
+        spread = ca.sqrt(ca.mtimes(by_deflection**2, deflection_sd**2) + 1e-30)
+        laws: list[Any] = [
+            (m.friction, C[j], (speed_sd[j], loads[j], spread[j]))
+            for j, m in enumerate(model.motors)
+        ]
         for i, coordinate in enumerate(model.coordinates):
             if coordinate.dof is not None:
-                laws.append((coordinate.dof.friction, np.eye(model.dof)[i], (speed_sd[model.n_m + i], None, None)))
+                laws.append(
+                    (
+                        coordinate.dof.friction,
+                        np.eye(model.dof)[i],
+                        (speed_sd[model.n_m + i], None, None),
+                    )
+                )
         for friction, row, (sd, *load) in laws:
             if not is_linear(friction):
                 change = mean_viscous_change(friction, sd, model.temperature, *load)
@@ -251,15 +280,26 @@ class LocalModel:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) of the linear models at the poses ``q_m`` (k, n_m)."""
         rest = self.rest(values, q_m, deflection_sd)
-        spread = np.hstack([self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))])
+        spread = np.hstack(
+            [self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))]
+        )
         M, D, K, B = evaluate(self._matrices[0], rest.y, values, spread)
         n = self.model.dof
-        return M.reshape(-1, n, n), D.reshape(-1, n, n), K.reshape(-1, n, n), B.reshape(-1, n, self.model.n_m)
+        return (
+            M.reshape(-1, n, n),
+            D.reshape(-1, n, n),
+            K.reshape(-1, n, n),
+            B.reshape(-1, n, self.model.n_m),
+        )
 
     def _speeds(self, speed_sd: np.ndarray | None, count: int) -> np.ndarray:
         """Deviations of the speeds of motors and, from those, of the coordinates (k, n_m + n_a); zero: at rest."""
         model = self.model
-        motors = np.zeros((count, model.n_m)) if speed_sd is None else np.broadcast_to(speed_sd, (count, model.n_m))
+        motors = (
+            np.zeros((count, model.n_m))
+            if speed_sd is None
+            else np.broadcast_to(speed_sd, (count, model.n_m))
+        )
         arm = np.zeros((count, model.n_a))
         arm[:, list(model.i_g)] = np.sqrt((motors**2) @ (np.linalg.inv(model.eta).T ** 2))
         return np.hstack([motors, arm])
@@ -324,13 +364,19 @@ class LocalModel:
             The poses at rest, where they are known.
         """
         rest = self.rest(values, q_m, deflection_sd) if rest is None else rest
-        speeds = np.hstack([self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))])
+        speeds = np.hstack(
+            [self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))]
+        )
         function, by, _ = self._matrices
         n = self.model.dof
-        M, D, K, B = (x.reshape(len(q_m), n, -1) for x in evaluate(function, rest.y, values, speeds))
+        M, D, K, B = (
+            x.reshape(len(q_m), n, -1) for x in evaluate(function, rest.y, values, speeds)
+        )
         inward = drive.transfer(w, self.model.n_m)[:, None, :]
         outward = self.outputs.transfer(w, drive.sensor_delays)[:, :, None]
-        rows, drows = self.outputs.at(rest.y, rest.dy, values, speeds[:, self.model.n_m :][:, : self.model.n_a])
+        rows, drows = self.outputs.at(
+            rest.y, rest.dy, values, speeds[:, self.model.n_m :][:, : self.model.n_a]
+        )
         near, far = self._images(w, drive)
         s = 1j * w[:, None, None]
         G, dG = [], []
@@ -342,7 +388,9 @@ class LocalModel:
             X = both @ B[k] * inward
             r, after, before = near
             turned = np.linalg.solve(r**2 * M[k] + r * D[k] + K[k], B[k] + 0j)
-            images = (after * ((r**2 * rows[k, 0] + r * rows[k, 1] + rows[k, 2]) @ turned) * before).sum(axis=0)
+            images = (
+                after * ((r**2 * rows[k, 0] + r * rows[k, 1] + rows[k, 2]) @ turned) * before
+            ).sum(axis=0)
             free = rows[k] @ np.linalg.solve(M[k], B[k])
             G.append(C @ X + images + (far * free[:, None]).sum(axis=0))
             if changes is None:
@@ -353,14 +401,18 @@ class LocalModel:
                 dG[-1] += outward[..., None] * np.einsum("lonp,lnb->lobp", moved, X, optimize=True)
         return Response(np.array(G), np.array(dG) if derivatives else None)
 
-    def _images(self, w: np.ndarray, drive: Drive) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    def _images(
+        self, w: np.ndarray, drive: Drive
+    ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
         """Images with springs: s (images, lines, 1, 1), and factors of the outputs and inputs (images, lines, ., .).
 
         And the sums of all others, of the powers 0, -1 and -2 of s, (3, lines, outputs, n_m).
         """
         images = w + drive.images()[:, None]
         s = 1j * images
-        after = self.outputs.transfer(images.ravel(), drive.sensor_delays).reshape(*s.shape, len(self.outputs))
+        after = self.outputs.transfer(images.ravel(), drive.sensor_delays).reshape(
+            *s.shape, len(self.outputs)
+        )
         after = after * (w / images)[..., None] ** self.outputs.orders
         before = drive.transfer(images.ravel(), self.model.n_m).reshape(*s.shape, self.model.n_m)
         powers = s ** -np.arange(3.0)[:, None, None]
@@ -368,7 +420,12 @@ class LocalModel:
         return (s[:NEAR, :, None, None], after[:NEAR, :, :, None], before[:NEAR, :, None, :]), far
 
     def _derivative(
-        self, changes: np.ndarray, dy: np.ndarray, left: np.ndarray, right: np.ndarray, w: np.ndarray
+        self,
+        changes: np.ndarray,
+        dy: np.ndarray,
+        left: np.ndarray,
+        right: np.ndarray,
+        w: np.ndarray,
     ) -> np.ndarray:
         """``left dZ/dp right`` (lines, outputs, n_m, n_p) for all parameters p at one pose."""
         places = self._matrices[2]
@@ -389,7 +446,8 @@ class LocalModel:
         used = np.flatnonzero(np.abs(dy).max(axis=1) > 0)
         whole = np.zeros((3 * n * n, n))
         whole[moved, at] = changes[len(rows) :]
-        along = whole[:, used].reshape(3, n, n, len(used)).transpose(0, 2, 1, 3)  # kind, row, column, direction
+        # kind, row, column, direction
+        along = whole[:, used].reshape(3, n, n, len(used)).transpose(0, 2, 1, 3)
         flat = along.reshape(3, n, n * len(used))
         change = np.zeros((len(w), n, n * len(used)), complex)
         for kind in range(3):

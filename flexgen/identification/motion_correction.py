@@ -23,8 +23,10 @@ from flexgen.identification.residuals import Residuals
 from flexgen.library.casadi_module import in_c
 from flexgen.numerics.trust_region import normal
 
-MANY, MOST_NUMBERS = 300_000, 30_000_000  # in the motions of an experiment: to compile for, and more than minutes allow
-UNSURE = 0.1, 1.0  # standard deviation of a correction, as a part of it: with the gains of the drives, without
+# in the motions of an experiment: to compile for, and more than minutes allow
+MANY, MOST_NUMBERS = 300_000, 30_000_000
+# standard deviation of a correction, as a part of it: with the gains of the drives, without
+UNSURE = 0.1, 1.0
 
 
 def obstacle(data: Frf) -> str:
@@ -70,7 +72,11 @@ def _change(residuals: Residuals, x: np.ndarray, gains: np.ndarray) -> np.ndarra
     assert data.torques is not None and data.numbers is not None
     values, rest = residuals.rest(x)
     M, D, K, B = local.matrices(values, data.poses, data.speed_sd, residuals.deflection_sd)
-    drive, lines, speed = residuals.vector.drive_at(x, residuals.drive), data.numbers, data.w[0] / data.numbers[0]
+    drive, lines, speed = (
+        residuals.vector.drive_at(x, residuals.drive),
+        data.numbers,
+        data.w[0] / data.numbers[0],
+    )
     w = speed * np.arange(2 * lines[-1] + 1)
     s = 1j * np.where(w > 0, w, 1e-3 * speed)[:, None, None]  # an integral has no gain at zero
     position, gain, integral = gains
@@ -80,7 +86,9 @@ def _change(residuals: Residuals, x: np.ndarray, gains: np.ndarray) -> np.ndarra
     answer = inward * gain * (rate + position) * (1 + integral / s)
     outward = local.outputs.transfer(data.w, drive.sensor_delays)[..., None]
     compiled = _compile if _count(data) > MANY else lambda function: function
-    motions = LargeMotions(local.equations, values, [channels(model).index(name) for name in data.sensors], compiled)
+    motions = LargeMotions(
+        local.equations, values, [channels(model).index(name) for name in data.sensors], compiled
+    )
     continuous = copy.copy(residuals)
     continuous.drive = replace(residuals.drive, has_images=False)
     change = -continuous.response(x).G
@@ -88,6 +96,8 @@ def _change(residuals: Residuals, x: np.ndarray, gains: np.ndarray) -> np.ndarra
         Z = s**2 * M[k] + s * D[k] + K[k]
         for U in runs:
             linear = np.linalg.solve(Z[lines], (B[k] * inward[lines]) @ U)
-            found = motions.outputs(rest.y[k], lines, speed, Z, (B[k] * answer) @ local.motor_rows, linear)
+            found = motions.outputs(
+                rest.y[k], lines, speed, Z, (B[k] * answer) @ local.motor_rows, linear
+            )
             change[k] += outward * found @ np.linalg.pinv(U) / len(runs)
     return change

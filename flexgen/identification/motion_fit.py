@@ -42,7 +42,8 @@ from flexgen.simulation.segments import Segments
 from flexgen.type_checks import checked_result, checked_types
 
 STEP = 1e-5  # of differences in the parameters, mostly logarithms
-FAR = 1e3  # deviation of a start state from its first value, over its scale: what no output shows stays
+# deviation of a start state from its first value, over its scale: what no output shows stays
+FAR = 1e3
 RANK = 1e-7  # of singular values of start states that a segment determines, relative
 ROUNDS = 3  # of fits with deviations from the residuals of the last one
 INNER = 3  # steps for the start states at each set of parameters
@@ -50,8 +51,11 @@ STABLE = 0.5  # integration step times the fastest eigenvalue
 DISTANCE = 0.01  # standard deviations from the minimum where the search ends
 LEAST_SEGMENTS = 4
 POORLY_EXPLAINED = 50.0  # %: a fit below it is a model error
-WHITE = 0.85  # part of the lags of white residuals within the 99 % band: less has a probability below 1e-4
-WORSE = 2.0  # errors on recordings that were not fitted over those of the fit, from which on the model fails there
+# part of the lags of white residuals within the 99 % band: less has a probability below 1e-4
+WHITE = 0.85
+# errors on recordings that were not fitted over those of the fit, from which on the model fails
+# there
+WORSE = 2.0
 
 
 @checked_result
@@ -105,7 +109,12 @@ class _Run:
 
     def __init__(self, data: Description, recording: Recording) -> None:
         root = data.root
-        self.t, self.tau_m, self.q_m, self.signals = recording.t, recording.tau_m, recording.q_m, recording.signals
+        self.t, self.tau_m, self.q_m, self.signals = (
+            recording.t,
+            recording.tau_m,
+            recording.q_m,
+            recording.signals,
+        )
         self.own = len(self.t)  # samples at which a segment may begin
         if "period_s" not in root:
             return
@@ -113,7 +122,9 @@ class _Run:
         first = samples * (root.whole("transients", 0, 1000) if "transients" in root else 0)
         periods = (len(self.t) - first) // samples
         if samples < 2 or periods < 1:
-            raise ArgumentError(f"{recording.file}: given {len(self.t)} samples, expected a whole period")
+            raise ArgumentError(
+                f"{recording.file}: given {len(self.t)} samples, expected a whole period"
+            )
 
         def mean(x: np.ndarray) -> np.ndarray:
             one = x[first : first + periods * samples].reshape(periods, samples, -1).mean(axis=0)
@@ -133,7 +144,9 @@ class _Shooting:
         self.sample_s = data.recordings[0][1].sample_s
         self.samples = round(segment_s / self.sample_s)
         if self.samples < 4:
-            raise ArgumentError(f"segment_s: given {segment_s} s, expected at least 4 samples of {self.sample_s:.3g} s")
+            raise ArgumentError(
+                f"segment_s: given {segment_s} s, expected at least 4 samples of {self.sample_s:.3g} s"
+            )
         hold = data.root.choice("hold", ("zoh", "none"))
         self.zoh, self.delay = hold == "zoh", data.root.number("delay_s", 0.0, least=0.0)
         self.rows, self.measured = self._outputs(data, recordings)
@@ -150,28 +163,38 @@ class _Shooting:
         self._curves = [self._curve(run) for run in recordings]
         self._times = [run.t[0] for run in recordings]
         window = np.arange(self.samples + 1)
-        self.y = np.array([self.measured[r][k + window] for r, k in self.starts])  # (segments, samples + 1, n_y)
+        # (segments, samples + 1, n_y)
+        self.y = np.array([self.measured[r][k + window] for r, k in self.starts])
         self.z = np.hstack([self._start_states(), np.zeros((len(self.starts), self.model.n_m))])
         self.sd = np.maximum(np.std(self.y, axis=(0, 1)), 1e-300)
         self.scale = self._scales()
         self.first = self.z
-        self.Q = np.zeros((len(self.starts), self.y[0].size, 0))  # what start states explain, see `parts`
+        # what start states explain, see `parts`
+        self.Q = np.zeros((len(self.starts), self.y[0].size, 0))
 
-    def _outputs(self, data: Description, recordings: Sequence[_Run]) -> tuple[np.ndarray, list[np.ndarray]]:
+    def _outputs(
+        self, data: Description, recordings: Sequence[_Run]
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Rows of the outputs in y, and their records: motors, then link encoders."""
         names = [c.name for c in self.model.coordinates]
         of = {name: sensor for sensor in self.model.sensors for name in sensor.channels}
         used = [c for c, name in enumerate(data.sensors) if of[name].type == "link_encoder"]
         others = [name for name in data.sensors if of[name].type != "link_encoder"]
         if others:
-            raise ArgumentError(f"signals: given {', '.join(others)}, expected link encoders only; leave others out")
+            raise ArgumentError(
+                f"signals: given {', '.join(others)}, expected link encoders only; leave others out"
+            )
         links = np.zeros((len(used), self.model.dof))
         for row, c in zip(links, used, strict=True):
             row[names.index(of[data.sensors[c]].place)] = 1.0
         rows = np.vstack([self.local.motor_rows, links])
         delays = np.array([of[data.sensors[c]].delay_s for c in used])
-        self.late = math.ceil(delays.max(initial=0.0) / self.sample_s - 1e-9)  # samples that the last segment leaves
-        return rows, [np.hstack([run.q_m, _remove_delays(run.t, run.signals[:, used], delays)]) for run in recordings]
+        # samples that the last segment leaves
+        self.late = math.ceil(delays.max(initial=0.0) / self.sample_s - 1e-9)
+        return rows, [
+            np.hstack([run.q_m, _remove_delays(run.t, run.signals[:, used], delays)])
+            for run in recordings
+        ]
 
     def _begins(self, run: _Run) -> range:
         return range(0, min(run.own, len(run.t) - self.samples - self.late), self.samples)
@@ -185,7 +208,9 @@ class _Shooting:
         model, out = self.model, np.zeros((len(self.starts), 2 * self.model.dof))
         n_m = model.n_m
         q = self.y[:, 0, :n_m]
-        v = (-3 * self.y[:, 0, :n_m] + 4 * self.y[:, 1, :n_m] - self.y[:, 2, :n_m]) / (2 * self.sample_s)
+        v = (-3 * self.y[:, 0, :n_m] + 4 * self.y[:, 1, :n_m] - self.y[:, 2, :n_m]) / (
+            2 * self.sample_s
+        )
         for at, motors in ((0, q), (model.dof, v)):
             out[:, [at + i for i in model.i_g]] = motors @ np.linalg.inv(model.eta).T
             out[:, at + model.n_a : at + model.dof] = motors[:, list(model.i_m)]
@@ -195,7 +220,10 @@ class _Shooting:
         """Sizes of the entries of z, for differences: angles, speeds, torques."""
         n = self.model.dof
         angle = np.full(n, max(float(np.std(np.diff(self.y, axis=1))), 1e-9))
-        torque = np.maximum(np.std(np.vstack([self._torque(0.0)[:, :, 0].reshape(-1, self.model.n_m)]), axis=0), 1e-9)
+        torque = np.maximum(
+            np.std(np.vstack([self._torque(0.0)[:, :, 0].reshape(-1, self.model.n_m)]), axis=0),
+            1e-9,
+        )
         return np.concatenate([angle, angle / self.sample_s, torque])
 
     def _torque(self, delay: float) -> np.ndarray:
@@ -278,7 +306,9 @@ class _Shooting:
         r, Jz = self.settle(x)
         moved = [x + STEP * (np.arange(len(x)) == k) * self._unit(k) for k in range(len(x))]
         base = self._weight(self._run([x, *moved], [self.z] * (len(x) + 1)))
-        J = np.moveaxis(base[1:] - base[0], 0, -1) / (STEP * np.array([self._unit(k) for k in range(len(x))]))
+        J = np.moveaxis(base[1:] - base[0], 0, -1) / (
+            STEP * np.array([self._unit(k) for k in range(len(x))])
+        )
         self.Q = _basis(Jz)
         J = np.concatenate([J, np.zeros((len(J), Jz.shape[2], J.shape[2]))], axis=1)
         return r, J - self.Q @ (self.Q.swapaxes(-1, -2) @ J)
@@ -287,7 +317,11 @@ class _Shooting:
         """Size of a change of a parameter: 1 for logarithms, a sample for the delay."""
         unknown = self.vector.unknowns[k]
         return (
-            1.0 if unknown.scale == "log" else self.sample_s if unknown.name == DELAY else max(abs(unknown.start), 1e-3)
+            1.0
+            if unknown.scale == "log"
+            else self.sample_s
+            if unknown.name == DELAY
+            else max(abs(unknown.start), 1e-3)
         )
 
     def sums(self, x: np.ndarray) -> Sums:
@@ -301,12 +335,17 @@ def _remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np
     if not delays.any():
         return signals
     later = np.minimum(t[:, None] + delays, t[-1])
-    return np.stack([make_interp_spline(t, x, k=3)(at) for x, at in zip(signals.T, later.T, strict=True)], axis=1)
+    return np.stack(
+        [make_interp_spline(t, x, k=3)(at) for x, at in zip(signals.T, later.T, strict=True)],
+        axis=1,
+    )
 
 
 def _basis(Jz: np.ndarray) -> np.ndarray:
     """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less rank."""
-    U, values, _ = np.linalg.svd(Jz / np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :], full_matrices=False)
+    U, values, _ = np.linalg.svd(
+        Jz / np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :], full_matrices=False
+    )
     return np.asarray(U * (values > RANK * values[:, :1])[:, None, :])
 
 
@@ -381,7 +420,10 @@ def fit_motion(
     scores = np.einsum("snk,sn->sk", J, r)
     covariance = inverse @ (scores.T @ scores + prior) @ inverse
     errors = shooting.errors(r) * shooting.sd
-    percent, white = _percent(shooting.y, errors), whiteness(errors, shooting.Q[:, : errors[0].size])
+    percent, white = (
+        _percent(shooting.y, errors),
+        whiteness(errors, shooting.Q[:, : errors[0].size]),
+    )
     rms = np.sqrt((errors**2).mean(axis=(0, 1)))
     held_out: tuple[float, ...] = ()
     status = _status(fit, percent, white)
@@ -406,17 +448,28 @@ def fit_motion(
     )
 
 
-def _minimize(shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None) -> Fit:
+def _minimize(
+    shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None
+) -> Fit:
     """The fit; the deviations of the outputs follow from the residuals of the last one."""
     x, fit = vector.start, None
     for k in range(ROUNDS):
         if tell is not None:
             tell(f"fit {k + 1} of {ROUNDS}: {len(shooting.starts)} segments")
-        for _ in range(INNER):  # residuals are as large as their deviations: the prior holds what they cannot show
+        # residuals are as large as their deviations: the prior holds what they cannot show
+        for _ in range(INNER):
             r, _ = shooting.settle(x)
             each = (shooting.errors(r) ** 2).mean(axis=(0, 1))
             shooting.sd = shooting.sd * np.sqrt(np.maximum(each, 1e-300))
-        fit = minimize(shooting.sums, shooting.cost, x, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE)
+        fit = minimize(
+            shooting.sums,
+            shooting.cost,
+            x,
+            vector.start,
+            vector.prior_sd,
+            vector.bounds,
+            distance=DISTANCE,
+        )
         x = fit.x
     assert fit is not None
     return fit
@@ -461,4 +514,8 @@ def _percent(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
     n = np.arange(y.shape[1], dtype=float)
     A = np.stack([np.ones_like(n), n], axis=1)
     away = y - np.einsum("ab,sbj->saj", A @ np.linalg.pinv(A), y)
-    return tuple((100 * (1 - np.linalg.norm(errors, axis=(0, 1)) / np.linalg.norm(away, axis=(0, 1)))).tolist())
+    return tuple(
+        (
+            100 * (1 - np.linalg.norm(errors, axis=(0, 1)) / np.linalg.norm(away, axis=(0, 1)))
+        ).tolist()
+    )

@@ -23,7 +23,8 @@ from flexgen.loop.controllers import Cascade
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
 
-PRIOR_SD = 2.0  # of the logarithm, about the start: so weak that only directions without information feel it
+# of the logarithm, about the start: so weak that only directions without information feel it
+PRIOR_SD = 2.0
 DELAY = "delay"
 CONSTANT = ".torque_constant"
 SENSOR_DELAY, SENSOR_DELAYS = ".delay", "sensor_delay"  # of one sensor, and of all
@@ -104,26 +105,46 @@ class ParameterVector:
         controller: Cascade | None = None,
     ) -> None:
         self.model = model
-        start, bounds, priors, ties = dict(start or {}), dict(bounds or {}), dict(priors or {}), dict(ties or {})
+        start, bounds, priors, ties = (
+            dict(start or {}),
+            dict(bounds or {}),
+            dict(priors or {}),
+            dict(ties or {}),
+        )
         drive = [name for name in free if is_of_drive(name)]
         of_model = [name for name in free if name not in drive]
         held = {p.name for p in select(model, [name for name in fixed if not is_of_drive(name)])}
         held |= {name for name in fixed if is_of_drive(name)}
-        parameters = [p for p in select(model, of_model) if p.name not in held and p.name not in ties]
+        parameters = [
+            p for p in select(model, of_model) if p.name not in held and p.name not in ties
+        ]
         # Of a group, what is zero stays zero: such as the cubic part of a spring that has none.
-        parameters = [p for p in parameters if p.value != 0.0 or p.name in of_model or p.name in start]
+        parameters = [
+            p for p in parameters if p.value != 0.0 or p.name in of_model or p.name in start
+        ]
         parameters += [p for p in _drive_parameters(model, drive, controller) if p.name not in held]
         known = {p.name for p in parameters}
-        for what, names in (("start", start), ("bounds", bounds), ("priors", priors), ("ties", ties.values())):
+        for what, names in (
+            ("start", start),
+            ("bounds", bounds),
+            ("priors", priors),
+            ("ties", ties.values()),
+        ):
             for name in names:
                 if name not in known:
-                    raise ArgumentError(f"{what}: given {name!r}, expected one of the free {', '.join(sorted(known))}")
+                    raise ArgumentError(
+                        f"{what}: given {name!r}, expected one of the free {', '.join(sorted(known))}"
+                    )
         self.unknowns = tuple(
-            _unknown(p, start, bounds, priors, tuple(sorted(a for a, b in ties.items() if b == p.name)))
+            _unknown(
+                p, start, bounds, priors, tuple(sorted(a for a, b in ties.items() if b == p.name))
+            )
             for p in parameters
         )
         if not self.unknowns:
-            raise ArgumentError("free: given no parameter, expected some, such as 'stiffness', 'q1.damping'")
+            raise ArgumentError(
+                "free: given no parameter, expected some, such as 'stiffness', 'q1.damping'"
+            )
         self.names = tuple(u.name for u in self.unknowns)
         self._tied = {p.name: p.value for p in select(model, sorted(ties))}
         self._log = np.array([u.scale == "log" for u in self.unknowns])
@@ -139,7 +160,9 @@ class ParameterVector:
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of x, (n,) each."""
-        lower, upper = (np.array([getattr(u, side) for u in self.unknowns]) for side in ("lower", "upper"))
+        lower, upper = (
+            np.array([getattr(u, side) for u in self.unknowns]) for side in ("lower", "upper")
+        )
         return self.x(lower), self.x(upper)
 
     @property
@@ -191,7 +214,9 @@ def is_of_sensor(name: str) -> bool:
 
 def with_sensor_delays(model: RobotModel, delays: Mapping[str, float]) -> RobotModel:
     """The model whose sensors have the delays ``<sensor>.delay`` [s]."""
-    sensors = (replace(s, delay_s=delays.get(s.name + SENSOR_DELAY, s.delay_s)) for s in model.sensors)
+    sensors = (
+        replace(s, delay_s=delays.get(s.name + SENSOR_DELAY, s.delay_s)) for s in model.sensors
+    )
     return replace(model, sensors=tuple(sensors)) if delays else model
 
 
@@ -200,11 +225,15 @@ def cascade_at(controller: Cascade, values: Mapping[str, float], motors: Sequenc
     gains: dict[str, Any] = {}
     for kind in GAINS:
         before = getattr(controller, kind[1:])
-        gains[kind[1:]] = np.array([values.get(motor + kind, old) for motor, old in zip(motors, before, strict=True)])
+        gains[kind[1:]] = np.array(
+            [values.get(motor + kind, old) for motor, old in zip(motors, before, strict=True)]
+        )
     return replace(controller, **gains)
 
 
-def _drive_parameters(model: RobotModel, names: Sequence[str], controller: Cascade | None) -> list[Parameter]:
+def _drive_parameters(
+    model: RobotModel, names: Sequence[str], controller: Cascade | None
+) -> list[Parameter]:
     """Delay, torque constants, gains, and the delays of sensors."""
     out = [p for name in names if is_of_sensor(name) for p in sensor_delays(model, name)]
     motors = [motor.name for motor in model.motors]
@@ -213,7 +242,9 @@ def _drive_parameters(model: RobotModel, names: Sequence[str], controller: Casca
         if is_of_sensor(name):
             continue
         if name == DELAY:
-            out.append(Parameter(DELAY, 0.0, "s", "delay of the torques behind the measured angles"))
+            out.append(
+                Parameter(DELAY, 0.0, "s", "delay of the torques behind the measured angles")
+            )
             continue
         chosen = [one for one, (_, kind) in known.items() if kind == f".{name}"] or [name]
         for one in chosen:
@@ -221,13 +252,24 @@ def _drive_parameters(model: RobotModel, names: Sequence[str], controller: Casca
                 raise ArgumentError(f"free: given {one!r}, expected one of {', '.join(known)}")
             motor, kind = known[one]
             if kind == CONSTANT:
-                out.append(Parameter(one, 1.0, "1", f"torque of motor {motor} over the recorded torque"))
+                out.append(
+                    Parameter(one, 1.0, "1", f"torque of motor {motor} over the recorded torque")
+                )
                 continue
             if controller is None:
-                raise ArgumentError(f"free: given {one!r}, which only 'refine' can fit: it simulates the drives")
+                raise ArgumentError(
+                    f"free: given {one!r}, which only 'refine' can fit: it simulates the drives"
+                )
             gain = float(getattr(controller, kind[1:])[motors.index(motor)])
             if gain or chosen == [name]:  # of a group, what is zero stays zero
-                out.append(Parameter(one, gain, GAINS[kind], f"{kind[1:].replace('_', ' ')} of the drive of {motor}"))
+                out.append(
+                    Parameter(
+                        one,
+                        gain,
+                        GAINS[kind],
+                        f"{kind[1:].replace('_', ' ')} of the drive of {motor}",
+                    )
+                )
     return out
 
 
@@ -241,13 +283,20 @@ def sensor_delays(model: RobotModel, name: str) -> list[Parameter]:
     """
     doc = "from the motion to the sample of sensor"
     found = [
-        Parameter(s.name + SENSOR_DELAY, s.delay_s, "s", f"{doc} {s.name}", f"sensor.{s.name}.delay_s")
+        Parameter(
+            s.name + SENSOR_DELAY, s.delay_s, "s", f"{doc} {s.name}", f"sensor.{s.name}.delay_s"
+        )
         for s in model.sensors
         if name in (SENSOR_DELAYS, s.name + SENSOR_DELAY)
     ]
     if not found:
-        known = ", ".join(s.name + SENSOR_DELAY for s in model.sensors) or "no delay: the model file has no [[sensor]]"
-        raise ArgumentError(f"free: given {name!r}, expected {'one of ' if model.sensors else ''}{known}")
+        known = (
+            ", ".join(s.name + SENSOR_DELAY for s in model.sensors)
+            or "no delay: the model file has no [[sensor]]"
+        )
+        raise ArgumentError(
+            f"free: given {name!r}, expected {'one of ' if model.sensors else ''}{known}"
+        )
     return found
 
 
@@ -268,7 +317,9 @@ def _unknown(
             f"start of {name}: given {first!r} {parameter.unit}, expected a number > 0; name one, as in "
             f'start={{"{name}": 0.01}} (--start {name}=0.01)'
         )
-    lower, upper = bounds.get(name, (1e-6 * first, 1e6 * first) if scale == "log" else (-np.inf, np.inf))
+    lower, upper = bounds.get(
+        name, (1e-6 * first, 1e6 * first) if scale == "log" else (-np.inf, np.inf)
+    )
     if not lower <= first <= upper or (scale == "log" and lower <= 0.0):
         raise ArgumentError(
             f"bounds of {name}: given {lower!r} to {upper!r} {parameter.unit}, expected an interval that contains the "
@@ -277,5 +328,7 @@ def _unknown(
     usual = PRIOR_SD if scale == "log" else 1e-2 if late else 1e3
     sd = float(priors.get(name, usual))
     if not sd > 0.0:
-        raise ArgumentError(f"prior of {name}: given a standard deviation of {sd!r}, expected a number > 0")
+        raise ArgumentError(
+            f"prior of {name}: given a standard deviation of {sd!r}, expected a number > 0"
+        )
     return Unknown(parameter, first, scale, float(lower), float(upper), sd, tied)

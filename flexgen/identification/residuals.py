@@ -42,10 +42,13 @@ RESIDUALS: tuple[ResidualName, ...] = get_args(ResidualName)
 LEAST_RELATIVE_SD = 1e-9  # of responses without noise
 AVERAGINGS = 3  # of springs: the deflections depend on the stiffness and the reverse
 SMOOTHED = 7  # lines over which a variance from few realizations is averaged
-NOISY = 4.0  # power of noise over that of the spectra, above which a combination of torques has less weight
+# power of noise over that of the spectra, above which a combination of torques has less weight
+NOISY = 4.0
 EXCESS = 2.0  # measured variance over that of the structure, above which the former is taken
-MOST_BY_NOISE = 0.08  # part of the information of a direction that is noise of the torques, above which it is none
-SURE, SURE_ALONE = 8.0, 30.0  # deviations above the noise; variances of single elements, from few periods, vary more
+# part of the information of a direction that is noise of the torques, above which it is none
+MOST_BY_NOISE = 0.08
+# deviations above the noise; variances of single elements, from few periods, vary more
+SURE, SURE_ALONE = 8.0, 30.0
 UNKNOWN = 1.0  # standard deviation of the logarithm that changes most in such a direction
 
 
@@ -76,8 +79,10 @@ class Residuals:
         self.local = LocalModel(vector.model, vector.of_model, data.sensors)
         self.drive = Drive(data.sample_s, data.delay_s)
         self.variance = _noise(data, floor)
-        self._white: tuple[np.ndarray, np.ndarray] | None = None  # L^-1 and (U U^H)^(1/2) P^(1/2), weighted
-        self._noisy: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # inverse of the latter, weights, noise
+        # L^-1 and (U U^H)^(1/2) P^(1/2), weighted
+        self._white: tuple[np.ndarray, np.ndarray] | None = None
+        # inverse of the latter, weights, noise
+        self._noisy: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._rest: tuple[np.ndarray, Rest] | None = None
         none = np.zeros((len(data.poses), len(self.local.springs)))
         self.deflection_sd = none if deflection_sd is None else deflection_sd
@@ -94,7 +99,9 @@ class Residuals:
         if not derivatives:
             return found
         assert found.dG is not None
-        return Response(found.G, along_x(self.vector, self.local, x, found.G, found.dG, self.data.w))
+        return Response(
+            found.G, along_x(self.vector, self.local, x, found.G, found.dG, self.data.w)
+        )
 
     def rest(self, x: np.ndarray) -> tuple[np.ndarray, Rest]:
         """The values of the model's numbers (n_p,), and the poses at rest."""
@@ -116,7 +123,11 @@ class Residuals:
         ``extra`` (k, lines, n_m, n_m): variance of each element in addition to its noise.
         """
         out = copy.copy(self)
-        out.data, out.variance, out.drive = data, _noise(data, floor) + extra, Drive(data.sample_s, data.delay_s)
+        out.data, out.variance, out.drive = (
+            data,
+            _noise(data, floor) + extra,
+            Drive(data.sample_s, data.delay_s),
+        )
         return out
 
     def of(self, vector: ParameterVector) -> Residuals:
@@ -147,9 +158,12 @@ class Residuals:
         G, w = self.response(x).G, self.data.w
         C = covariance_at(self.data, G)
         torque, output = noise_levels(replace(self.data, C=C), G)
-        L = np.linalg.cholesky(structured_covariance(G, output_powers(self.data, w), torque, output))
+        L = np.linalg.cholesky(
+            structured_covariance(G, output_powers(self.data, w), torque, output)
+        )
         white = np.linalg.inv(L)
-        if self.data.noise_UU is not None:  # transients that are left, responses that change between two frequencies
+        # transients that are left, responses that change between two frequencies
+        if self.data.noise_UU is not None:
             excess = np.einsum("kloo->klo", white @ C @ white.conj().swapaxes(-1, -2)).real
             white = white / np.sqrt(np.where(excess > EXCESS, excess, 1.0))[..., None]
         right = np.linalg.cholesky(self.data.UU) * np.sqrt(self.data.periods)
@@ -176,13 +190,21 @@ class Residuals:
             assert self._white is not None
             left, right = self._white
             r = left @ (G - self.data.G) @ right
-            J = None if dG is None else np.einsum("klia,klabp,klbj->klijp", left, dG, right, optimize=True)
+            J = (
+                None
+                if dG is None
+                else np.einsum("klia,klabp,klbj->klijp", left, dG, right, optimize=True)
+            )
             return r, J
         if self.kind == "lls":
             if not (G.all() and self.data.G.all()):
-                raise ArgumentError('residual: given "lls", expected "nls": a response is zero, and has no logarithm')
+                raise ArgumentError(
+                    'residual: given "lls", expected "nls": a response is zero, and has no logarithm'
+                )
             weight = np.abs(self.data.G) / np.sqrt(self.variance)
-            return np.log(G / self.data.G) * weight, None if dG is None else dG * (weight / G)[..., None]
+            return np.log(G / self.data.G) * weight, None if dG is None else dG * (weight / G)[
+                ..., None
+            ]
         weight = 1.0 / np.sqrt(self.variance)
         return (G - self.data.G) * weight, None if dG is None else dG * weight[..., None]
 
@@ -195,11 +217,20 @@ class Residuals:
 
         Elements one by one, over poses and lines: in most of them noise can hide what is wrong in one.
         """
-        r, size = (np.abs(self._weigh(Response(G, None))[0]) ** 2 for G in (self.response(x).G, 2 * self.data.G))
-        count = np.full(r.shape[-1], r[..., 0, 0].size) if self._noisy is None else self._noisy[1].sum(axis=(0, 1))
+        r, size = (
+            np.abs(self._weigh(Response(G, None))[0]) ** 2
+            for G in (self.response(x).G, 2 * self.data.G)
+        )
+        count = (
+            np.full(r.shape[-1], r[..., 0, 0].size)
+            if self._noisy is None
+            else self._noisy[1].sum(axis=(0, 1))
+        )
         total = r.sum(axis=(0, 1))
         sure = total > count + (SURE_ALONE if self._noisy is None else SURE) * np.sqrt(count)
-        return float(np.sqrt(np.max((total - count) / size.sum(axis=(0, 1)), where=sure, initial=0.0)))
+        return float(
+            np.sqrt(np.max((total - count) / size.sum(axis=(0, 1)), where=sure, initial=0.0))
+        )
 
     def cost(self, x: np.ndarray) -> float:
         """Sum of the squares, compensated."""
@@ -237,8 +268,13 @@ class Residuals:
         if self.kind == "structured":
             _, weight, noise = self._noisy or (0.0, np.ones(1), np.zeros(1))
             by_noise, B = (
-                normal(np.zeros(J.shape[:-1]), J * np.sqrt(x)[:, :, None, :, None])[2] if self._noisy else y
-                for x, y in ((noise, 0 * A), (weight * (1 + noise / max(self.data.periods - 1, 1)), A))
+                normal(np.zeros(J.shape[:-1]), J * np.sqrt(x)[:, :, None, :, None])[2]
+                if self._noisy
+                else y
+                for x, y in (
+                    (noise, 0 * A),
+                    (weight * (1 + noise / max(self.data.periods - 1, 1)), A),
+                )
             )
             share, X = eigh(by_noise, A + prior)
             known = share <= MOST_BY_NOISE
@@ -247,7 +283,8 @@ class Residuals:
             return inverse @ (0.5 * B + prior) @ inverse + lost @ lost.T
         inverse = np.linalg.inv(A + prior)
         if self.kind == "lls":
-            to_weight = np.abs(self.data.G / self.response(x).G) / np.sqrt(self.variance)  # of small errors, in sd
+            # of small errors, in sd
+            to_weight = np.abs(self.data.G / self.response(x).G) / np.sqrt(self.variance)
         else:
             to_weight = 1.0 / np.sqrt(self.variance)
         Z = J * to_weight[..., None]
@@ -255,10 +292,13 @@ class Residuals:
             flat = (Z * np.sqrt(self.variance)[..., None]).reshape(-1, J.shape[-1])
         else:
             Lc = np.linalg.cholesky(regular(self.data.C))
-            Ls = np.linalg.cholesky(regular(np.linalg.inv(self.data.UU).swapaxes(-1, -2) / self.data.periods))
+            Ls = np.linalg.cholesky(
+                regular(np.linalg.inv(self.data.UU).swapaxes(-1, -2) / self.data.periods)
+            )
             flat = np.einsum("klai,klabp,klbj->klijp", Lc.conj(), Z, Ls.conj(), optimize=True)
             flat = flat.reshape(-1, J.shape[-1])
-            beside = Z * np.sqrt(np.maximum(self.variance - self.data.variance, 0.0))[..., None]  # model error
+            # model error
+            beside = Z * np.sqrt(np.maximum(self.variance - self.data.variance, 0.0))[..., None]
             flat = np.vstack([flat, beside.reshape(-1, J.shape[-1])])
         B = np.real(flat.conj().T @ flat)
         return inverse @ (0.5 * B + prior) @ inverse
@@ -270,7 +310,9 @@ def covariance_at(data: Frf, G: np.ndarray) -> np.ndarray:
         return data.C
     away, scale = data.G - G, data.periods / data.experiments
     cross = away @ (data.noise_YU - data.G @ data.noise_UU).conj().swapaxes(-1, -2)
-    change = cross + cross.conj().swapaxes(-1, -2) + away @ data.noise_UU @ away.conj().swapaxes(-1, -2)
+    change = (
+        cross + cross.conj().swapaxes(-1, -2) + away @ data.noise_UU @ away.conj().swapaxes(-1, -2)
+    )
     return np.asarray(data.C + scale * change)
 
 
@@ -287,7 +329,11 @@ def noise_levels(data: Frf, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _noise(data: Frf, floor: float) -> np.ndarray:
     """Variances of the elements by noise, and by a model error that is a part of their size."""
-    noise = data.variance if data.total is None else np.maximum(_smooth_variances(data.total, data.G), data.variance)
+    noise = (
+        data.variance
+        if data.total is None
+        else np.maximum(_smooth_variances(data.total, data.G), data.variance)
+    )
     return np.asarray(noise + (floor**2 + LEAST_RELATIVE_SD**2) * np.abs(data.G) ** 2)
 
 

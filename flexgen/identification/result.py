@@ -48,7 +48,9 @@ def with_coulomb(model: RobotModel) -> tuple[str, ...]:
     parts = [(motor.name, motor.friction) for motor in model.motors]
     parts += [(c.name, c.dof.friction) for c in model.coordinates if c.dof is not None]
     steps = ("coulomb", "stribeck", "load_coulomb", "load_stribeck")
-    return tuple(f"{name}.viscous" for name, law in parts if any(getattr(law, step, 0.0) for step in steps))
+    return tuple(
+        f"{name}.viscous" for name, law in parts if any(getattr(law, step, 0.0) for step in steps)
+    )
 
 
 @checked_result
@@ -71,15 +73,22 @@ class Estimated(Result):
     formal_covariance: np.ndarray
     status: FitStatus
     source: str = field(default="", kw_only=True)  # of the data, for the new model file
-    found_delays: Mapping[str, float] = field(default_factory=dict, kw_only=True)  # of sensors, by an earlier fit
+    # of sensors, by an earlier fit
+    found_delays: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
     def to_dict(self) -> dict[str, Any]:
         """Model, status, parameters with standard deviations, and the figures of the fit, as JSON types."""
-        sd, more = self.sd, [f.name for f in fields(self) if f.name not in Estimated.__dataclass_fields__]
+        sd, more = (
+            self.sd,
+            [f.name for f in fields(self) if f.name not in Estimated.__dataclass_fields__],
+        )
         return {
             "model": self.vector.model.name,
             "status": str(self.status),
-            "parameters": [{"name": name, "value": value, "sd": sd[name]} for name, value in self.values.items()],
+            "parameters": [
+                {"name": name, "value": value, "sd": sd[name]}
+                for name, value in self.values.items()
+            ],
             **{name: plain(getattr(self, name)) for name in more},
         }
 
@@ -101,7 +110,9 @@ class Estimated(Result):
         """
         if not self.status.has_deviations:
             return dict.fromkeys(self.vector.names)
-        return dict(zip(self.vector.names, np.sqrt(np.diag(self.formal_covariance)).tolist(), strict=True))
+        return dict(
+            zip(self.vector.names, np.sqrt(np.diag(self.formal_covariance)).tolist(), strict=True)
+        )
 
     @property
     def correlation(self) -> np.ndarray:
@@ -112,9 +123,13 @@ class Estimated(Result):
     def is_weak(self, name: str) -> bool:
         """Whether the data do not determine a parameter: the model keeps the value of its file."""
         if name not in self.vector.names:
-            raise ArgumentError(f"name: given {show_value(name)}, expected one of {', '.join(self.vector.names)}")
+            raise ArgumentError(
+                f"name: given {show_value(name)}, expected one of {', '.join(self.vector.names)}"
+            )
         k = self.vector.names.index(name)
-        return self.vector.unknowns[k].scale == "log" and bool(self.formal_covariance[k, k] > WEAK**2)
+        return self.vector.unknowns[k].scale == "log" and bool(
+            self.formal_covariance[k, k] > WEAK**2
+        )
 
     def used(self) -> dict[str, float]:
         """Name -> value of the numbers of the model that change: without weak ones and those of the drives."""
@@ -122,13 +137,21 @@ class Estimated(Result):
         out = {}
         for unknown in self.vector.unknowns:
             if not self.is_weak(unknown.name):
-                out.update({name: named[name] for name in (unknown.name, *unknown.tied) if not is_of_drive(name)})
+                out.update(
+                    {
+                        name: named[name]
+                        for name in (unknown.name, *unknown.tied)
+                        if not is_of_drive(name)
+                    }
+                )
         return out
 
     @property
     def sensor_delays(self) -> dict[str, float]:
         """``<sensor>.delay`` -> identified delay of a sensor [s]."""
-        return dict(self.found_delays) | {name: x for name, x in self.values.items() if is_of_sensor(name)}
+        return dict(self.found_delays) | {
+            name: x for name, x in self.values.items() if is_of_sensor(name)
+        }
 
     @property
     def model(self) -> RobotModel:
@@ -154,13 +177,17 @@ class Estimated(Result):
         note = "" if self.status.has_deviations else f"{self.status}, no standard deviations"
         sd = {name: value for name, value in self.sd.items() if value is not None}
         values = self.used() | self.sensor_delays
-        written = write_model(path, self.vector.model, values, sd, self.source, model_file, note=note)
+        written = write_model(
+            path, self.vector.model, values, sd, self.source, model_file, note=note
+        )
         if self.covariance is None:
             return written
         names, covariance = self._relative_covariance(self.covariance)
         text = written.read_text(encoding="utf-8")
         return (
-            write_text(written, find_function("Estimated.uncertainty")(text, names, covariance)) if names else written
+            write_text(written, find_function("Estimated.uncertainty")(text, names, covariance))
+            if names
+            else written
         )
 
     def _relative_covariance(self, covariance: np.ndarray) -> tuple[list[str], np.ndarray]:
@@ -169,9 +196,13 @@ class Estimated(Result):
         for k, unknown in enumerate(self.vector.unknowns):
             for name in (unknown.name, *unknown.tied):
                 if not is_of_drive(name) and named[name] != 0.0:
-                    found.append((name, k, 1.0 if unknown.scale == "log" else 1.0 / named[unknown.name]))
+                    found.append(
+                        (name, k, 1.0 if unknown.scale == "log" else 1.0 / named[unknown.name])
+                    )
         order, slopes = [k for _, k, _ in found], np.array([slope for *_, slope in found])
-        return [name for name, *_ in found], covariance[np.ix_(order, order)] * np.outer(slopes, slopes)
+        return [name for name, *_ in found], covariance[np.ix_(order, order)] * np.outer(
+            slopes, slopes
+        )
 
 
 @checked_result
@@ -343,7 +374,9 @@ def write_model(
         )
     if target.suffix != ".toml":
         raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-    text = head + write_parameters(old.read_text(encoding="utf-8"), model, values, sd, source, str(old), note)
+    text = head + write_parameters(
+        old.read_text(encoding="utf-8"), model, values, sd, source, str(old), note
+    )
     with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
         again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
     for parameter in _numbers(again, values):
@@ -371,7 +404,8 @@ def write_parameters(
     chosen = _numbers(model, values)
     numbers = {p.key: values[p.name] for p in chosen}
     notes = {p.key: f"{p.name}: sd {_percent(sd[p.name], p.name)}" for p in chosen if p.name in sd}
-    show_value = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"  # one line of a comment
+    # one line of a comment
+    show_value = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"
     head = f"# Identified parameters ({show_value}): {note or 'each has its standard deviation in a comment'}.\n"
     return head + with_numbers(_without_notes(text, {p.name for p in chosen}), numbers, file, notes)
 
@@ -379,7 +413,10 @@ def write_parameters(
 def _numbers(model: RobotModel, names: Iterable[str]) -> list[Parameter]:
     """The numbers of the model with these names, and the delays of its sensors."""
     late = [name for name in names if is_of_sensor(name)]
-    return [*select(model, sorted(set(names) - set(late))), *(p for name in late for p in sensor_delays(model, name))]
+    return [
+        *select(model, sorted(set(names) - set(late))),
+        *(p for name in late for p in sensor_delays(model, name)),
+    ]
 
 
 def _without_notes(text: str, names: set[str]) -> str:
@@ -389,7 +426,9 @@ def _without_notes(text: str, names: set[str]) -> str:
         notes = [note for note in found[1].split("; ") if note.partition(": sd ")[0] not in names]
         return f"  # {'; '.join(notes)}" if notes else ""
 
-    return re.sub(r"  # ((?:[^\s:;#]+: sd [^\s;#]+(?: %)?(?:; |$))+)$", keep, text, flags=re.MULTILINE)
+    return re.sub(
+        r"  # ((?:[^\s:;#]+: sd [^\s;#]+(?: %)?(?:; |$))+)$", keep, text, flags=re.MULTILINE
+    )
 
 
 def deviation_text(sd: float | None, relative: bool) -> str:

@@ -69,7 +69,9 @@ class Structure:
     @property
     def removed(self) -> tuple[str, ...]:
         """Names of the coordinates that were removed."""
-        return tuple(change.name for change in self.changes if change.kept and change.kind == "remove")
+        return tuple(
+            change.name for change in self.changes if change.kept and change.kind == "remove"
+        )
 
 
 @reported("structure")
@@ -100,13 +102,18 @@ def structure(
     tell = progress if callable(progress) else silent
     robot = model if isinstance(model, RobotModel) else read(model)
     if len(data.poses) < 2:
-        raise ArgumentError("structure: given data at one pose, expected two or more: some are held out")
+        raise ArgumentError(
+            "structure: given data at one pose, expected two or more: some are held out"
+        )
     now = _fit(robot, data)
     changes: list[Change] = []
     for _ in range(MOST_ROUNDS):
         tried: list[tuple[Change, IdentificationResult]] = []
         candidates = [("add", dof.name, changed) for dof, changed in additions(now.vector.model)]
-        candidates += [("remove", name, without(now.vector.model, name)) for name in _removable(robot, now, fixed)]
+        candidates += [
+            ("remove", name, without(now.vector.model, name))
+            for name in _removable(robot, now, fixed)
+        ]
         for k, (kind, name, changed) in enumerate(candidates):
             tell(f"{kind} {name}: {k + 1} of {len(candidates)}")
             best = _find_best(changed, name if kind == "add" else None, data)
@@ -116,7 +123,9 @@ def structure(
         better, rejected = None, []
         for change, fit in sorted(tried, key=lambda pair: -pair[0].gain):
             if change.gain > LEAST_GAIN and change.kind == "add":
-                change = replace(change, held_out=_hold_out(now.vector.model, fit.vector.model, data))
+                change = replace(
+                    change, held_out=_hold_out(now.vector.model, fit.vector.model, data)
+                )
             if change.gain > LEAST_GAIN and (change.held_out is None or change.held_out < 1.0):
                 changes.append(replace(change, kept=True))
                 better = fit
@@ -133,12 +142,16 @@ def structure(
 def criterion(found: IdentificationResult) -> float:
     """``2 cost + n_p log(N)`` of a fit with the weights of single elements."""
     count = found.data.G.size
-    return 2 * found.cost * max(count - len(found.vector) / 2, 1.0) + len(found.vector) * float(np.log(2 * count))
+    return 2 * found.cost * max(count - len(found.vector) / 2, 1.0) + len(found.vector) * float(
+        np.log(2 * count)
+    )
 
 
 def _removable(robot: RobotModel, now: IdentificationResult, fixed: Sequence[str]) -> list[str]:
     """Coordinates without motor of the model that was given, as far as they are still there and not fixed."""
-    there = {dof.name for e in now.vector.model.elements for dof in e.dofs if dof.spring is not None}
+    there = {
+        dof.name for e in now.vector.model.elements for dof in e.dofs if dof.spring is not None
+    }
     given = [dof.name for e in robot.elements for dof in e.dofs if dof.spring is not None]
     return [name for name in given if name in there and name not in fixed]
 
@@ -163,7 +176,9 @@ def _try(model: RobotModel, data: Frf) -> IdentificationResult | None:
 def _fit(model: RobotModel, data: Frf) -> IdentificationResult:
     """A fit with the weights of the noise alone, not corrected for large motions: costs of different models compare."""
     data = replace(data, torques=None)
-    return identify(model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False)
+    return identify(
+        model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False
+    )
 
 
 def _hold_out(before: RobotModel, after: RobotModel, data: Frf) -> float:
@@ -182,5 +197,8 @@ def _hold_out(before: RobotModel, after: RobotModel, data: Frf) -> float:
 
 def _part(data: Frf, poses: slice) -> Frf:
     """Some of the poses."""
-    arrays = {name: getattr(data, name)[poses] for name in ("poses", "G", "UU", "C", "variance", "speed_sd")}
+    arrays = {
+        name: getattr(data, name)[poses]
+        for name in ("poses", "G", "UU", "C", "variance", "speed_sd")
+    }
     return replace(data, **arrays, total=None if data.total is None else data.total[poses])

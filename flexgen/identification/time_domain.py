@@ -29,7 +29,14 @@ from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import FINER, Experiment, fade_in, largest_rate
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel
-from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive, is_of_sensor
+from flexgen.identification.parameters import (
+    CONSTANT,
+    DELAY,
+    ParameterVector,
+    cascade_at,
+    is_of_drive,
+    is_of_sensor,
+)
 from flexgen.identification.result import TIME_DOMAIN, FitStatus, IdentificationResult
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
@@ -40,11 +47,15 @@ from flexgen.progress import Choice, reported
 from flexgen.type_checks import checked_types
 
 STEP = 1e-4  # of forward differences in x, mostly logarithms
-DISTANCE = 0.03  # standard deviations from the minimum where the search ends: forward differences show no more
-NEAR, LITTLE = 0.01, 0.06  # derivatives are used again after a step in x, or a relative change of the cost, below it
-SETTLED = 10.0  # time constants of the position control that simulations for derivatives begin before the period
+# standard deviations from the minimum where the search ends: forward differences show no more
+DISTANCE = 0.03
+# derivatives are used again after a step in x, or a relative change of the cost, below it
+NEAR, LITTLE = 0.01, 0.06
+# time constants of the position control that simulations for derivatives begin before the period
+SETTLED = 10.0
 LAGS = 20
-SEEDS, SEED = 16, 7_919_000  # simulations with noise, and the first of their seeds, unlike those of `measure`
+# simulations with noise, and the first of their seeds, unlike those of `measure`
+SEEDS, SEED = 16, 7_919_000
 ROUGH_DISTANCE = 2.0  # the same, of the first search
 FRICTION = ("viscous", "coulomb", "load_coulomb", "beta")  # of each motor and joint that has them
 
@@ -67,10 +78,17 @@ class Simulated:
         runs: Sequence[tuple[int, int, int]],
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        self.vector, self.plan, self.runs, self.progress = vector, experiment.plan, tuple(runs), progress
+        self.vector, self.plan, self.runs, self.progress = (
+            vector,
+            experiment.plan,
+            tuple(runs),
+            progress,
+        )
         plan = self.plan
         names = vector.of_model
-        self.library = library_with(vector.model, ("forward_dynamics",), parameters=names, progress=progress)
+        self.library = library_with(
+            vector.model, ("forward_dynamics",), parameters=names, progress=progress
+        )
         self.local = LocalModel(vector.model, self.library.parameter_names)
         poses = plan.poses[[k for k, _, _ in self.runs]]
         self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
@@ -79,22 +97,30 @@ class Simulated:
         self.poses, self.fading = poses, fade_in(self.reference)
         slowest = float(plan.controller.position_gain.min())
         enough = SETTLED / slowest / plan.hardware.sample_s if slowest > 0 else plan.samples
-        self.last = min(plan.samples, max(plan.samples // 4, math.ceil(enough)))  # samples that derivatives settle
+        # samples that derivatives settle
+        self.last = min(plan.samples, max(plan.samples // 4, math.ceil(enough)))
         w2 = (2 * np.pi * plan.frequencies[:, None]) ** 2
-        measured = np.array([experiment.q_m[run] for run in self.runs])  # (runs, periods, lines, n_m)
+        # (runs, periods, lines, n_m)
+        measured = np.array([experiment.q_m[run] for run in self.runs])
         self.measured = w2 * measured.mean(axis=1)
         self.sd = _standard_deviation(w2 * measured)
-        self.quiet = replace(plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0)
+        self.quiet = replace(
+            plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0
+        )
         # As in the experiment; the method is stable for friction up to 2.7 times as steep as at the start.
         self.steps = integration_steps(plan.hardware, FINER * largest_rate(self.local, plan.poses))
         self.shift = np.zeros_like(self.measured)  # by noise
         self.count, self.simulations = self.measured.size, 0
-        self._known: tuple[np.ndarray, np.ndarray, float] | None = None  # the last derivatives, at which x and cost
-        self.whole = False  # whether simulations for derivatives begin a period before the measured one
+        # the last derivatives, at which x and cost
+        self._known: tuple[np.ndarray, np.ndarray, float] | None = None
+        # whether simulations for derivatives begin a period before the measured one
+        self.whole = False
         # Of the last simulation at x: a period, and `last` samples, before the measured period.
         self._before: tuple[Snapshot, Snapshot] | None = None
 
-    def spectra(self, x: np.ndarray, begin: Snapshot | None = None, noise: int | None = None) -> np.ndarray:
+    def spectra(
+        self, x: np.ndarray, begin: Snapshot | None = None, noise: int | None = None
+    ) -> np.ndarray:
         """``w^2 Q`` (runs, lines, n_m) of a period after the transients.
 
         ``begin``: where these begin; ``noise``: seed of the noise of the drives; None: no noise.
@@ -135,12 +161,18 @@ class Simulated:
     def use_noise(self, x: np.ndarray) -> None:
         """From now on with the mean change of the spectra by noise, as it is at x; its own error counts in `sd`."""
         hardware = self.plan.hardware
-        if not (hardware.encoder_noise_rad or hardware.encoder_resolution_rad or hardware.torque_noise_Nm):
+        if not (
+            hardware.encoder_noise_rad
+            or hardware.encoder_resolution_rad
+            or hardware.torque_noise_Nm
+        ):
             return
         if self.progress is not None:
             self.progress(f"change of the motion by noise: {SEEDS} simulations")
         quiet = self.spectra(x)
-        self.shift = np.mean([self.spectra(x, noise=SEED + k) for k in range(SEEDS)], axis=0) - quiet
+        self.shift = (
+            np.mean([self.spectra(x, noise=SEED + k) for k in range(SEEDS)], axis=0) - quiet
+        )
         self.sd = self.sd * np.sqrt(1 + self.plan.periods / SEEDS)
 
     def residual(self, x: np.ndarray, begin: Snapshot | None = None) -> np.ndarray:
@@ -157,7 +189,9 @@ class Simulated:
         J, begin = np.empty((len(r), len(x)), complex), self._before[0 if self.whole else 1]
         for k in range(len(x)):
             if self.progress is not None:
-                self.progress(f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot in the plan")
+                self.progress(
+                    f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot in the plan"
+                )
             J[:, k] = (self.residual(x + STEP * (np.arange(len(x)) == k), begin).ravel() - r) / STEP
         return J
 
@@ -166,7 +200,9 @@ class Simulated:
         r = self.residual(x).ravel()
         cost = float((np.abs(r) ** 2).sum())
         known = self._known
-        if known is None or (np.abs(x - known[0]).max() > NEAR and abs(cost - known[2]) > LITTLE * known[2]):
+        if known is None or (
+            np.abs(x - known[0]).max() > NEAR and abs(cost - known[2]) > LITTLE * known[2]
+        ):
             known = self._known = x.copy(), self._jacobian(x, r), cost
         J = known[1]
         return cost, np.real(J.conj().T @ r), np.real(J.conj().T @ J)
@@ -224,18 +260,34 @@ def refine(
     _check(found, experiment, runs)
     names = list(found.vector.names) + _frictions(found) if free is None else list(free)
     if any(is_of_sensor(name) for name in free or ()):
-        raise ArgumentError("free: given the delay of a sensor, which the motors do not show: 'identify' can fit it")
-    held = [name for name in names if is_of_sensor(name) or name == DELAY or f".{name}".endswith(CONSTANT)]
+        raise ArgumentError(
+            "free: given the delay of a sensor, which the motors do not show: 'identify' can fit it"
+        )
+    held = [
+        name
+        for name in names
+        if is_of_sensor(name) or name == DELAY or f".{name}".endswith(CONSTANT)
+    ]
     unknown = [name for name in dict.fromkeys(names) if name not in held]
     names = [name for name in unknown if not is_of_drive(name)]
     for parameter in select(model, names):
         if parameter.inertia:
-            raise ArgumentError(f"free: given {parameter.name}, expected stiffness, damping, friction or payload")
-    begin = {name: value for name, value in found.used().items() if name in {p.name for p in select(model, names)}}
-    vector = ParameterVector(model, unknown, start=begin | dict(start or {}), controller=plan.controller)
+            raise ArgumentError(
+                f"free: given {parameter.name}, expected stiffness, damping, friction or payload"
+            )
+    begin = {
+        name: value
+        for name, value in found.used().items()
+        if name in {p.name for p in select(model, names)}
+    }
+    vector = ParameterVector(
+        model, unknown, start=begin | dict(start or {}), controller=plan.controller
+    )
     simulated = Simulated(vector, experiment, _choose(plan, 0, runs), tell)
     settings = (vector.start, vector.prior_sd, vector.bounds)
-    rough = minimize(simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE)
+    rough = minimize(
+        simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE
+    )
     simulated.use_noise(rough.x)
     simulated.use_whole()
     fit = minimize(simulated.sums, simulated.cost, rough.x, *settings, distance=DISTANCE)
@@ -268,21 +320,31 @@ def _check(found: IdentificationResult, experiment: Experiment, runs: int) -> No
     """ArgumentError where an experiment cannot be simulated, or is not that of the frequency responses."""
     plan = experiment.plan
     if plan.motors != found.data.motors or not np.array_equal(plan.poses, found.data.poses):
-        raise ArgumentError("experiment: given other motors or poses than those of the frequency responses")
-    if not plan.controller.speed_gain.any() or not (plan.amplitudes.any() or experiment.references is not None):
+        raise ArgumentError(
+            "experiment: given other motors or poses than those of the frequency responses"
+        )
+    if not plan.controller.speed_gain.any() or not (
+        plan.amplitudes.any() or experiment.references is not None
+    ):
         raise ArgumentError(
             f"experiment: given {experiment.source}, without the gains and references of its drives, expected tables "
             "[drive] and [[reference]] in the description of the recordings, or an experiment of 'measure'"
         )
     if not isinstance(runs, int) or not 1 <= runs <= plan.experiments * plan.realizations:
         most = plan.experiments * plan.realizations
-        raise ArgumentError(f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose")
+        raise ArgumentError(
+            f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose"
+        )
 
 
 def _choose(plan: Plan, first: int, count: int) -> list[tuple[int, int, int]]:
     """At each pose ``count`` experiments, other ones from pose to pose; with other ``first`` other ones."""
     every = [(r, e) for r in range(plan.realizations) for e in range(plan.experiments)]
-    return [(k, *every[(k + i) % len(every)]) for k in range(len(plan.poses)) for i in range(first, first + count)]
+    return [
+        (k, *every[(k + i) % len(every)])
+        for k in range(len(plan.poses))
+        for i in range(first, first + count)
+    ]
 
 
 @dataclass(frozen=True)
@@ -321,7 +383,9 @@ def validate(
     """
     plan = experiment.plan
     if used >= plan.experiments * plan.realizations:
-        raise ArgumentError(f"used: given {used}, expected fewer than the {used} experiments at each pose")
+        raise ArgumentError(
+            f"used: given {used}, expected fewer than the {used} experiments at each pose"
+        )
     tell = progress if callable(progress) else None
     simulated = Simulated(found.vector, experiment, _choose(plan, used, 1), tell)
     simulated.use_noise(found.x)
@@ -336,14 +400,20 @@ def validate(
     # the real part of a correlation of complex noise has half of its variance
     white = (np.array(lags) < 2.58 / np.sqrt(2 * count)).mean(axis=0)
     return Validation(
-        tuple((100 * (1 - away / size)).tolist()), float((np.abs(r) ** 2).sum() / r.size), tuple(white.tolist())
+        tuple((100 * (1 - away / size)).tolist()),
+        float((np.abs(r) ** 2).sum() / r.size),
+        tuple(white.tolist()),
     )
 
 
 def validate_on_others(found: IdentificationResult, checked: Validation) -> IdentificationResult:
     """The result with the status ``poorly validated`` where it agreed, and other experiments do not."""
     fails = checked.cost > COST_MOST and min(checked.fit_percent) < 100 * (1 - SMALL_ERROR)
-    return replace(found, status=FitStatus.POORLY_VALIDATED) if fails and found.status.agrees else found
+    return (
+        replace(found, status=FitStatus.POORLY_VALIDATED)
+        if fails and found.status.agrees
+        else found
+    )
 
 
 def refine_and_validate(
@@ -367,16 +437,21 @@ def _frictions(found: IdentificationResult) -> list[str]:
         for part, friction in parts
         for name in FRICTION
         if getattr(friction, name, 0.0) > 0.0
-        and (name != "beta" or friction.coulomb > 0.0 or getattr(friction, "load_coulomb", 0.0) > 0.0)
+        and (
+            name != "beta" or friction.coulomb > 0.0 or getattr(friction, "load_coulomb", 0.0) > 0.0
+        )
     ]
 
 
 def _status(fit: Fit, cost: float, simulated: Simulated, found: IdentificationResult) -> FitStatus:
     if not fit.converged or fit.at_bound.any():
         return FitStatus.AT_BOUND if fit.converged else FitStatus.NOT_CONVERGED
-    relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(simulated.measured)
+    relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(
+        simulated.measured
+    )
     bent = simulated.local.springs or any(name.endswith("coulomb") for name in _frictions(found))
-    if found.status == FitStatus.MODEL_ERROR and not bent:  # the angles of one experiment show less than all responses
+    # the angles of one experiment show less than all responses
+    if found.status == FitStatus.MODEL_ERROR and not bent:
         return FitStatus.MODEL_ERROR
     wrong = FitStatus.MODEL_ERROR if relative > SMALL_ERROR else FitStatus.SMALL_ERROR
     return wrong if cost > COST_MOST else FitStatus.FITTED

@@ -63,7 +63,9 @@ class Verdict:
     rows: tuple[VerdictRow, ...]
 
     def __repr__(self) -> str:
-        words = [f"{row.model} {row.quantile(0.5)} m" for row in self.rows if row.error_m is not None]
+        words = [
+            f"{row.model} {row.quantile(0.5)} m" for row in self.rows if row.error_m is not None
+        ]
         return f"<Verdict of {self.move}, {self.control}: {', '.join(words)}>"
 
     def __getitem__(self, model: str) -> VerdictRow:
@@ -121,7 +123,9 @@ def verdict(
         for k, robot in enumerate(robots):
             tell(f"model {name}: robot {k + 1} of {len(robots)}")
             found.append(tool_errors(robot, before, solution, control))
-        rows.append(VerdictRow(name, _values(found, "error_max_m"), _values(found, "error_max_rad")))
+        rows.append(
+            VerdictRow(name, _values(found, "error_max_m"), _values(found, "error_max_rad"))
+        )
     return Verdict(name_of_move, control, len(robots), truth is not None, tuple(rows))
 
 
@@ -147,17 +151,25 @@ def draw_robots(identified: IdentificationResult, count: int, seed: int) -> list
     out = []
     for _ in range(count):
         named = vector.named(identified.x + root @ rng.standard_normal(len(vector)))
-        out.append(with_values(vector.model, {name: value for name, value in named.items() if name in used}))
+        out.append(
+            with_values(
+                vector.model, {name: value for name, value in named.items() if name in used}
+            )
+        )
     return out
 
 
 def _solve(equations: Equations, move: str | Move | None, method: str) -> Solution:
     solution = solve(equations, move, method, verify=method == "auto", progress=False)
     if solution.status not in (Status.SOLVED, Status.BASELINE, Status.LIMITS_EXCEEDED):
-        raise SolverError(f"verdict: {equations.model.name}, {solution.move.name}: {solution.status}")
+        raise SolverError(
+            f"verdict: {equations.model.name}, {solution.move.name}: {solution.status}"
+        )
     return solution
 
 
 def _values(rows: list[dict[str, Any]], key: str) -> tuple[float, ...] | None:
     values = [row[key] for row in rows]
-    return None if any(value is None for value in values) else tuple(float(value) for value in values)
+    return (
+        None if any(value is None for value in values) else tuple(float(value) for value in values)
+    )

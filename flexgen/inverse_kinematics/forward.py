@@ -20,7 +20,10 @@ from flexgen.type_checks import checked_types
 
 @checked_types
 def tracker_positions(
-    model: str | Path | RobotModel | Equations, commands: np.ndarray | Sequence[Sequence[float]], *, sag: bool = True
+    model: str | Path | RobotModel | Equations,
+    commands: np.ndarray | Sequence[Sequence[float]],
+    *,
+    sag: bool = True,
 ) -> np.ndarray:
     """Positions of the trackers, or of the tool, at rest under gravity with the motors at commanded angles.
 
@@ -59,13 +62,20 @@ def tracker_positions(
         q_g = np.array(commands, dtype=float)
     except ValueError:
         expected = f"rows of the same length, (N, {robot.n_g})"
-        raise ArgumentError(f"commands: given {show_value(commands)}, expected {expected}") from None
+        raise ArgumentError(
+            f"commands: given {show_value(commands)}, expected {expected}"
+        ) from None
     if q_g.ndim != 2 or q_g.shape[1] != robot.n_g or not np.isfinite(q_g).all():
-        raise ArgumentError(f"commands: given shape {q_g.shape}, expected finite numbers of shape (N, {robot.n_g})")
+        raise ArgumentError(
+            f"commands: given shape {q_g.shape}, expected finite numbers of shape (N, {robot.n_g})"
+        )
     equations = model if isinstance(model, Equations) else derive(robot)
     chain = equations.lagrangian.chain
     points = [
-        place(chain.tool if sensor.place == TOOL else chain.frames[sensor.place], Placement(tuple(sensor.position))).p
+        place(
+            chain.tool if sensor.place == TOOL else chain.frames[sensor.place],
+            Placement(tuple(sensor.position)),
+        ).p
         for sensor in robot.sensors
         if sensor.type == "tracker"
     ] or [chain.tool.p]

@@ -27,15 +27,21 @@ from flexgen.results import Result
 from flexgen.type_checks import checked_result, checked_types
 
 SINGULAR = 1e-4  # smallest singular value of the scaled Jacobian over the largest
-FAMILY = 1e-12  # the same, of a pose that a family of configurations reaches: the error that is left
-ROUNDING = 1e-14  # error of a pose by rounding: over the distance, that of the joints along the direction that is lost
+# the same, of a pose that a family of configurations reaches: the error that is left
+FAMILY = 1e-12
+# error of a pose by rounding: over the distance, that of the joints along the direction that is
+# lost
+ROUNDING = 1e-14
 TURNED = 2e-3  # rad: rotation of the goal to where the search is not singular
 TURNS = 16  # number of such rotations, about axes spread over the plane across the sixth axis
-NEAR = 0.05  # distance from singularity of a configuration at the turned goal that is refined at the goal
+# distance from singularity of a configuration at the turned goal that is refined at the goal
+NEAR = 0.05
 REFINED = 1e-14  # largest error of a refined configuration
 SAME = 1e-5  # rad or m: configurations that are as close are one
 REFINEMENTS = 40
-POLISHED = 3  # last refinements, across the direction that is lost: along it, rounding moves the joints without an end
+# last refinements, across the direction that is lost: along it, rounding moves the joints without
+# an end
+POLISHED = 3
 JOINTS = 6
 SAG_STEPS = 20
 
@@ -83,7 +89,9 @@ class Configuration(Result):
     def to_dict(self) -> dict[str, Any]:
         """The configuration as JSON types."""
         names = ("q", "error", "within_limits", "branch", "flags", "parts", "singular")
-        return {name: plain(getattr(self, name)) for name in names} | {"singularity_distance": self.distance}
+        return {name: plain(getattr(self, name)) for name in names} | {
+            "singularity_distance": self.distance
+        }
 
     @property
     def flags(self) -> tuple[int, ...]:
@@ -148,7 +156,9 @@ def kinematics(
     robot = robot_of(model)
     p, R = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3) or not (np.isfinite(p).all() and np.isfinite(R).all()):
-        raise ArgumentError(f"pose: given shapes {p.shape}, {R.shape}, expected (3,) and (3, 3), finite")
+        raise ArgumentError(
+            f"pose: given shapes {p.shape}, {R.shape}, expected (3,) and (3, 3), finite"
+        )
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
         raise ArgumentError(
             "rotation: given a matrix that is not a rotation, expected orthogonal columns, right-handed"
@@ -172,7 +182,9 @@ def configuration_at(model: RobotModel, q_g: np.ndarray) -> Configuration:
     solver, full = _solver(model, ()), np.zeros(model.n_a)
     full[list(model.i_g)] = q_g
     p, R = solver.library.forward_kinematics(full)
-    return solver.configuration(np.concatenate([np.asarray(p), np.asarray(R).ravel()]), np.asarray(q_g, float), False)
+    return solver.configuration(
+        np.concatenate([np.asarray(p), np.asarray(R).ravel()]), np.asarray(q_g, float), False
+    )
 
 
 def arm_parts(J: np.ndarray) -> dict[str, float]:
@@ -183,7 +195,8 @@ def arm_parts(J: np.ndarray) -> dict[str, float]:
     z = J[3:].T
     c = np.cross(z, J[:3].T)
     wrist_4, wrist_5 = _next_to(c[3], z[3], c[4], z[4]), _next_to(c[4], z[4], c[5], z[5])
-    upper, fore = np.cross(z[1], c[2] - c[1]), np.cross(z[1], wrist_4 - c[2])  # across the second axis
+    # across the second axis
+    upper, fore = np.cross(z[1], c[2] - c[1]), np.cross(z[1], wrist_4 - c[2])
     size = max(float(np.linalg.norm(upper) * np.linalg.norm(fore)), 1e-12)
     return {
         "shoulder": float(np.linalg.det(np.stack([z[0], wrist_5 - c[0], z[1]]))),
@@ -230,7 +243,9 @@ class _Solver:
         for name, value in fixed.items():
             self.base[self.i_g[names.index(name)]] = value
         self.rotary = np.array([model.coordinates[i].unit == "rad" for i in self.free])
-        self.library = library_with(model, ("forward_kinematics", "jacobian"), ("inverse_kinematics",))
+        self.library = library_with(
+            model, ("forward_kinematics", "jacobian"), ("inverse_kinematics",)
+        )
         self.length = self._reach()
         self._at = [self.i_g.index(i) for i in self.free]
 
@@ -249,7 +264,9 @@ class _Solver:
         along a family, of which only an arc is in reach. Of a family, one remains, the nearest to ``home``.
         """
         R = goal[3:].reshape(3, 3)
-        each = [self.solve(np.concatenate([goal[:3], (turn @ R).ravel()])) for turn in self._turns(R)]
+        each = [
+            self.solve(np.concatenate([goal[:3], (turn @ R).ravel()])) for turn in self._turns(R)
+        ]
         turned = [q for found in each for q in found]
         close = [q for q in turned if self._distance(q) < NEAR]
         try:
@@ -263,7 +280,9 @@ class _Solver:
         out = [q for q in found if self._distance(q) >= SINGULAR]
         close += [q for q in found if self._distance(q) < SINGULAR]
         refined = [self._refine(goal, q, home) for q in close]
-        for q in sorted((q for q in refined if q is not None), key=lambda q: float(np.abs(q - home).max())):
+        for q in sorted(
+            (q for q in refined if q is not None), key=lambda q: float(np.abs(q - home).max())
+        ):
             if not any(self._same(goal, q, other) for other in out):
                 out.append(q)
         return out
@@ -272,9 +291,13 @@ class _Solver:
         """Small rotations (3, 3) about axes across the sixth axis, where the tool has the rotation R (3, 3)."""
         at_zero = np.asarray(self.library.forward_kinematics(self.base).R)
         sixth = R @ at_zero.T @ self._jacobian(self.base[self.i_g])[3:, -1]
-        across = np.linalg.svd(sixth[None])[2][1:]  # two directions; where the sixth joint slides, any two
+        # two directions; where the sixth joint slides, any two
+        across = np.linalg.svd(sixth[None])[2][1:]
         angles = 2 * np.pi * (np.arange(TURNS) + 0.5) / TURNS
-        return [_rotation_about(TURNED * (np.cos(a) * across[0] + np.sin(a) * across[1])) for a in angles]
+        return [
+            _rotation_about(TURNED * (np.cos(a) * across[0] + np.sin(a) * across[1]))
+            for a in angles
+        ]
 
     def _jacobian(self, q: np.ndarray) -> np.ndarray:
         full = self.base.copy()
@@ -342,7 +365,9 @@ class _Solver:
     def solve(self, goal: np.ndarray) -> list[np.ndarray]:
         """All solutions (n_g,), rotations within half a turn of zero; ``goal``: position, rotation by rows."""
         try:
-            q = self.library.inverse_kinematics(goal[:3], goal[3:].reshape(3, 3), self.base, free=self.free)
+            q = self.library.inverse_kinematics(
+                goal[:3], goal[3:].reshape(3, 3), self.base, free=self.free
+            )
         except SolverError as error:
             raise SolverError(f"model {self.model.name}: {error}") from None
         return [np.asarray(x) for x in q[:, self.i_g]]
@@ -371,7 +396,9 @@ class _Solver:
         error = self._miss(goal, self._solve_deflections(placed) if sag else full)
         branch = int(np.sign(np.linalg.det(J)))
         parts = arm_parts(J) if self.rotary.all() else {}
-        return Configuration(placed, error, inside, branch, float(singular[-1] / singular[0]), parts)
+        return Configuration(
+            placed, error, inside, branch, float(singular[-1] / singular[0]), parts
+        )
 
     def _error(self, goal: np.ndarray, full: np.ndarray) -> np.ndarray:
         """Position over the length of the arm, and the sine of the turn times its axis, (6,)."""
@@ -383,7 +410,9 @@ class _Solver:
     def _miss(self, goal: np.ndarray, full: np.ndarray) -> float:
         p, R = self.library.forward_kinematics(full)
         distance = float(np.linalg.norm(p - goal[:3])) / self.length
-        return max(distance, float(turn_angle(np.asarray(R)[None], goal[None, 3:].reshape(1, 3, 3))[0]))
+        return max(
+            distance, float(turn_angle(np.asarray(R)[None], goal[None, 3:].reshape(1, 3, 3))[0])
+        )
 
     # --- the elastic robot at rest ---
 
@@ -404,7 +433,10 @@ class _Solver:
                 for k, i in enumerate(i_e):
                     moved = full.copy()
                     moved[i] += step
-                    slope = (evaluate(equations.function("elastic_torque"), moved, zero)[0].ravel()[k] - tau[k]) / step
+                    slope = (
+                        evaluate(equations.function("elastic_torque"), moved, zero)[0].ravel()[k]
+                        - tau[k]
+                    ) / step
                     full[i] += (g[i] - tau[k]) / slope
             if np.abs(full - before).max() < 1e-14:
                 break

@@ -7,7 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from flexgen.errors import SolverError
-from flexgen.inverse_kinematics.search import JOINTS, SINGULAR, Configuration, configuration_at, kinematics
+from flexgen.inverse_kinematics.search import (
+    JOINTS,
+    SINGULAR,
+    Configuration,
+    configuration_at,
+    kinematics,
+)
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import PoseTarget
 
@@ -17,7 +23,9 @@ SLACK = 1e-9  # rad or m beyond a limit of a joint: rounding
 Failure = Callable[[str, object, str], Exception]  # of a key, what was given, what is expected
 
 
-def joints_of_target(model: RobotModel, target: PoseTarget, before: np.ndarray, wrong: Failure) -> np.ndarray:
+def joints_of_target(
+    model: RobotModel, target: PoseTarget, before: np.ndarray, wrong: Failure
+) -> np.ndarray:
     """Actuated coordinates (n_g,) [rad or m] of the undeflected arm at a pose, in the configuration that is asked for.
 
     Parameters
@@ -43,14 +51,18 @@ def joints_of_target(model: RobotModel, target: PoseTarget, before: np.ndarray, 
     except SolverError:
         raise wrong("position", target.position, "a pose where the arm is not singular") from None
     if not found:
-        raise wrong("position", target.position, "a pose that the tool can reach with this orientation")
+        raise wrong(
+            "position", target.position, "a pose that the tool can reach with this orientation"
+        )
     asked = [c for c in found if not target.configuration or c.flags == target.configuration]
     if not asked:
         raise wrong("configuration", list(target.configuration), _choices(found))
     singular = min(asked, key=lambda c: c.distance)
     if singular.distance < SINGULAR:
         part = f" of the {singular.nearest_singularity}" if singular.nearest_singularity else ""
-        raise wrong("position", target.position, f"a pose that is farther from the singularity{part}")
+        raise wrong(
+            "position", target.position, f"a pose that is farther from the singularity{part}"
+        )
     placed = [(c, _choose_turns(model, c.q, before, target.turns)) for c in asked]
     inside = [(c, q) for c, q in placed if q is not None]
     if not inside:
@@ -68,24 +80,38 @@ def joints_of_target(model: RobotModel, target: PoseTarget, before: np.ndarray, 
     return np.asarray(inside[0][1])
 
 
-def check_configuration(model: RobotModel, q_g: np.ndarray, configuration: Sequence[int], wrong: Failure) -> None:
+def check_configuration(
+    model: RobotModel, q_g: np.ndarray, configuration: Sequence[int], wrong: Failure
+) -> None:
     """Raise the error of ``wrong`` where the joints (n_g,) are in another configuration; see `Configuration.flags`."""
     if len(model.i_g) != JOINTS:
-        raise wrong("configuration", list(configuration), "none, because the arm has not six actuated coordinates")
+        raise wrong(
+            "configuration",
+            list(configuration),
+            "none, because the arm has not six actuated coordinates",
+        )
     if len(configuration) != 3 or not all(sign in (1, -1) for sign in configuration):
-        raise wrong("configuration", list(configuration), "1 or -1 for each of shoulder, elbow and wrist")
+        raise wrong(
+            "configuration", list(configuration), "1 or -1 for each of shoulder, elbow and wrist"
+        )
     own = configuration_at(model, q_g)
     if not own.flags:
-        raise wrong("configuration", list(configuration), "none, because the arm has not six rotations")
+        raise wrong(
+            "configuration", list(configuration), "none, because the arm has not six rotations"
+        )
     if own.flags != tuple(configuration):
-        expected = f"{list(own.flags)}, in which the joints are here: a move of the tool cannot change it"
+        expected = (
+            f"{list(own.flags)}, in which the joints are here: a move of the tool cannot change it"
+        )
         raise wrong("configuration", list(configuration), expected)
 
 
 def _check(model: RobotModel, target: PoseTarget, wrong: Failure) -> None:
     """Raise the error of an invalid target."""
     if len(model.i_g) != JOINTS:
-        raise wrong("position", target.position, "end, because the arm has not six actuated coordinates")
+        raise wrong(
+            "position", target.position, "end, because the arm has not six actuated coordinates"
+        )
     if len(target.position) != 3 or not np.isfinite(target.position).all():
         raise wrong("position", target.position, "3 finite numbers")
     R = np.array(target.orientation, dtype=float)
@@ -94,14 +120,26 @@ def _check(model: RobotModel, target: PoseTarget, wrong: Failure) -> None:
     if target.configuration and (
         len(target.configuration) != 3 or not all(sign in (1, -1) for sign in target.configuration)
     ):
-        raise wrong("configuration", list(target.configuration), "1 or -1 for each of shoulder, elbow and wrist")
+        raise wrong(
+            "configuration",
+            list(target.configuration),
+            "1 or -1 for each of shoulder, elbow and wrist",
+        )
     if target.configuration and not all(model.coordinates[i].unit == "rad" for i in model.i_g):
-        raise wrong("configuration", list(target.configuration), "none, because the arm has not six rotations")
-    if target.turns and (len(target.turns) != len(model.i_g) or not all(k == int(k) for k in target.turns)):
+        raise wrong(
+            "configuration",
+            list(target.configuration),
+            "none, because the arm has not six rotations",
+        )
+    if target.turns and (
+        len(target.turns) != len(model.i_g) or not all(k == int(k) for k in target.turns)
+    ):
         raise wrong("turns", list(target.turns), f"{len(model.i_g)} whole numbers")
 
 
-def _choose_turns(model: RobotModel, q: np.ndarray, before: np.ndarray, turns: Sequence[int]) -> np.ndarray | None:
+def _choose_turns(
+    model: RobotModel, q: np.ndarray, before: np.ndarray, turns: Sequence[int]
+) -> np.ndarray | None:
     """The angles with their turns; None where one is beyond its limits."""
     out = q.copy()
     for k, i in enumerate(model.i_g):
@@ -111,9 +149,15 @@ def _choose_turns(model: RobotModel, q: np.ndarray, before: np.ndarray, turns: S
         if c.unit == "rad":
             least = np.remainder(q[k] + np.pi, TURN) - np.pi
             closest = round((before[k] - least) / TURN)
-            tried = [turns[k]] if turns else sorted(range(closest - 2, closest + 3), key=lambda n: abs(n - closest))
+            tried = (
+                [turns[k]]
+                if turns
+                else sorted(range(closest - 2, closest + 3), key=lambda n: abs(n - closest))
+            )
             # of the turns within the limits the one that is closest to the start
-            angles = sorted((least + TURN * n for n in tried), key=lambda angle: abs(angle - before[k]))
+            angles = sorted(
+                (least + TURN * n for n in tried), key=lambda angle: abs(angle - before[k])
+            )
         else:
             angles = [float(out[k])]
         fitting = [angle for angle in angles if low - SLACK <= angle <= high + SLACK]
@@ -128,4 +172,8 @@ def _choices(found: Sequence[Configuration]) -> str:
     signs = sorted({c.flags for c in found if c.within_limits}, reverse=True)
     if not any(signs):
         return "one of its configurations within the limits; give the joints as end"
-    return "one of the configurations " + ", ".join(str(list(one)) for one in signs) + " (shoulder, elbow, wrist)"
+    return (
+        "one of the configurations "
+        + ", ".join(str(list(one)) for one in signs)
+        + " (shoulder, elbow, wrist)"
+    )

@@ -23,7 +23,10 @@ class ToolPose:
 
     @classmethod
     def of_joints(
-        cls, model: RobotModel, joints: Sequence[float], progress: Callable[[str], None] | None = None
+        cls,
+        model: RobotModel,
+        joints: Sequence[float],
+        progress: Callable[[str], None] | None = None,
     ) -> ToolPose:
         """The pose of the undeflected arm at these actuated coordinates (n_g,) [rad or m], by its C library."""
         if len(joints) != model.n_g:

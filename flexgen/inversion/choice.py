@@ -16,12 +16,14 @@ from flexgen.model.friction import (
     refuse_hysteresis,
 )
 
-FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
+# coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
+FULL_LARGEST = 8
 
 
 def _inverts(robot: RobotModel) -> bool:
     """Whether "lq" applies: the model can be reduced, and there is a C compiler."""
-    from flexgen.inversion.model_library import has_compiler  # here: other methods need no code generation
+    # here: other methods need no code generation
+    from flexgen.inversion.model_library import has_compiler
 
     return robot.inversion_obstacle() is None and has_compiler()
 
@@ -48,16 +50,22 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
         names.append("full")
     found = (find_method(name) for name in names)
     able = (method for method in found if problem.limits is None or method.keeps_limits)
-    known = problem.force is None and not (hysteretic_joints(robot) or bristled_motors(robot) or has_harmonics(robot))
+    known = problem.force is None and not (
+        hysteretic_joints(robot) or bristled_motors(robot) or has_harmonics(robot)
+    )
     return tuple(method for method in able if known or method.takes_force)
 
 
-def check_applies(method: Method, robot: RobotModel, limits: Limits | None, pushed: bool = False) -> None:
+def check_applies(
+    method: Method, robot: RobotModel, limits: Limits | None, pushed: bool = False
+) -> None:
     """ArgumentError where a method cannot keep the limits, take the force or solve the model's motor coupling."""
     if not method.takes_force:
         able = ", ".join(m.name for m in methods().values() if m.takes_force)
         if pushed:
-            raise ArgumentError(f"force: given with method {method.name!r}, expected one of the methods {able}")
+            raise ArgumentError(
+                f"force: given with method {method.name!r}, expected one of the methods {able}"
+            )
         what = f"method {method.name!r} (not one of {able})"
         refuse_hysteresis(robot, what)
         refuse_harmonics(robot, what, load=limits is not None)

@@ -80,7 +80,9 @@ def error_sizes(solution: Solution) -> dict[str, np.ndarray]:
         return {}
     done, units = simulation.trajectory, np.array(output_units(solution.model))
     out = {
-        unit: np.linalg.norm(done["error"][:, units == unit], axis=1) for unit in ("m", "rad") if (units == unit).any()
+        unit: np.linalg.norm(done["error"][:, units == unit], axis=1)
+        for unit in ("m", "rad")
+        if (units == unit).any()
     }
     if "turn" in done.channels:
         out["rad"] = np.abs(done["turn"]).max(axis=1)

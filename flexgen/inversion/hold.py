@@ -66,8 +66,12 @@ def torque_command(trajectory: Trajectory, hold: Hold) -> TorqueCommand:
         limited=trajectory.meta.get("torque") == "limited",
         degree=read_degree(trajectory.meta),
     )
-    meta: dict[str, Any] = {key: trajectory.meta[key] for key in ("model", "variant", "move") if key in trajectory.meta}
-    return TorqueCommand(time, values, trajectory.labels["tau_m"], hold.kind, sample_time, float(hold.delay), meta)
+    meta: dict[str, Any] = {
+        key: trajectory.meta[key] for key in ("model", "variant", "move") if key in trajectory.meta
+    }
+    return TorqueCommand(
+        time, values, trajectory.labels["tau_m"], hold.kind, sample_time, float(hold.delay), meta
+    )
 
 
 def with_hold(problem: InversionProblem, solution: Solution, hold: Hold) -> Solution:
@@ -86,7 +90,10 @@ def with_hold(problem: InversionProblem, solution: Solution, hold: Hold) -> Solu
     problem.log(f"verifying the torques of the controller: {command.title()}")
     checked = verify_by_simulation(problem, solution, command)
     found = replace(solution, torque_command=command, held_simulation=checked.simulation)
-    if checked.worst <= problem.accuracy or solution.status in (Status.BASELINE, Status.TOLERANCE_NOT_MET):
+    if checked.worst <= problem.accuracy or solution.status in (
+        Status.BASELINE,
+        Status.TOLERANCE_NOT_MET,
+    ):
         return found
     run = checked.simulation
     errors = both_measured(*(checked.plan_error or (run.tool_error_max_m, run.tool_error_max_rad)))

@@ -43,7 +43,8 @@ PER_KNOT = 2  # intervals of the mesh between knots, at least
 SUPPORT = 8  # intervals between knots in which one spline is not zero
 LATE = 0.5  # of the path's duration: how long after it the motion may end
 UNKEPT = ("torque_rms", "thermal_time", "gear_torque_rms")  # effective values of a whole motion
-NOTICED = 1e-6  # rad, and m for each meter of reach, at most m: largest deviation not reported as LIMITS_ACTIVE
+# rad, and m for each meter of reach, at most m: largest deviation not reported as LIMITS_ACTIVE
+NOTICED = 1e-6
 
 
 class _Bounds:
@@ -53,12 +54,20 @@ class _Bounds:
         model = equations.model
         self.limits = limits.without(*UNKEPT)
         self.arguments = limits.for_library(model)  # of `Library.invert_limited`
-        self.torque, self.deflection = self.arguments["torque_max"], self.arguments["deflection_max"]
+        self.torque, self.deflection = (
+            self.arguments["torque_max"],
+            self.arguments["deflection_max"],
+        )
 
     def are_kept(self, problem: InversionProblem, found: Inversion) -> bool:
         """Whether a motion keeps all of them."""
         time = found.period * np.arange(len(found.tau_m))
-        uses = uses_of_limits(problem.equations.model, self.limits, lambda name: np.asarray(getattr(found, name)), time)
+        uses = uses_of_limits(
+            problem.equations.model,
+            self.limits,
+            lambda name: np.asarray(getattr(found, name)),
+            time,
+        )
         return all(use.part <= 1.0 for use in uses)
 
     def check_equilibrium(self, problem: InversionProblem) -> None:
@@ -119,7 +128,9 @@ def enforce_limits(
         return from_library(unlimited)
     result, pose = from_library(found), problem.path.pose
     if bristled_motors(robot):  # their torques are in those of the library with memory
-        torques = bristle_torques(motor_bristles(robot), result.t, result.motors.v_m, result.motors.a_m)
+        torques = bristle_torques(
+            motor_bristles(robot), result.t, result.motors.v_m, result.motors.a_m
+        )
         result = replace(result, tau_b=torques)
     meters, angle = found.deviation_m, found.deviation_rad
     size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if pose else "")
@@ -130,7 +141,12 @@ def enforce_limits(
         preactuation=(before + found.n_pre) * found.period,
         status=Status.LIMITS_ACTIVE if off > NOTICED else Status.SOLVED,
         verdict=f"the limits are active: path deviation up to {size}, {found.programs} quadratic programs",
-        details={**result.details, "deviation_max_m": meters, "deviation_max_rad": angle, "programs": found.programs},
+        details={
+            **result.details,
+            "deviation_max_m": meters,
+            "deviation_max_rad": angle,
+            "programs": found.programs,
+        },
     )
 
 
@@ -157,7 +173,9 @@ def _modify_path(
     sample = path.sample(t)
     native = bool(problem.options.get("native", False))
     solvers = ("invert", "invert_limited", *(() if problem.force is None else ("force",)))
-    library = inversion_library(problem.equations, "lq", solvers, native=native, memory=True, progress=problem.progress)
+    library = inversion_library(
+        problem.equations, "lq", solvers, native=native, memory=True, progress=problem.progress
+    )
     try:
         found = library.invert_limited(
             Reduction(problem.equations).targets(sample),

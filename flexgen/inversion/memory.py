@@ -40,7 +40,11 @@ def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:
     i_g, step = list(equations.model.i_g), result.t[1] - result.t[0]
     # the equilibrium by which `settling` replaces the last sample: its torque is held
     settled = equations.model.n_e > 0 and not (result.v[-1].any() or result.a[-1].any())
-    p, z = hysteretic_deflections(equations, result.t, differentiate(result.tau_g, step, settled=settled))
+    p, z = hysteretic_deflections(
+        equations, result.t, differentiate(result.tau_g, step, settled=settled)
+    )
     jets = differentiate(p, step, settled=settled)
     motion = [x[:, i_g] + jets[:, :, k] for k, x in enumerate((result.q, result.v, result.a))]
-    return replace(result, motors=motors_behind(equations, motion, result.tau_g), tau_h=z, tau_b=None)
+    return replace(
+        result, motors=motors_behind(equations, motion, result.tau_g), tau_h=z, tau_b=None
+    )

@@ -116,7 +116,12 @@ def method_names() -> tuple[str, ...]:
     """The names of all methods, ``"auto"`` first; those of other packages before the baselines."""
     own = (*SOLVERS, *BASELINES)
     more = (name for name in names("methods") if all(name != method.name for method in own))
-    return (AUTO, *(method.name for method in SOLVERS), *more, *(method.name for method in BASELINES))
+    return (
+        AUTO,
+        *(method.name for method in SOLVERS),
+        *more,
+        *(method.name for method in BASELINES),
+    )
 
 
 def find_method(name: str) -> Method:
@@ -128,7 +133,9 @@ def find_method(name: str) -> Method:
         raise ArgumentError(f"method: given {name!r}, expected one of {', '.join(method_names())}")
     found = extension("methods", name)
     if not isinstance(found, Method) or found.name != name:
-        raise ArgumentError(f"entry point {name} of flexgen.methods: given {found!r}, expected a Method of this name")
+        raise ArgumentError(
+            f"entry point {name} of flexgen.methods: given {found!r}, expected a Method of this name"
+        )
     return found
 
 

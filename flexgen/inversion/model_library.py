@@ -69,4 +69,6 @@ def inversion_library(
         advice = "remove one of them" if model.inversion_obstacle() is None else "use --method full"
         raise ArgumentError(f"method {method}: {reason}; {advice}")
     check_time(f"method {method}")
-    return library_with(model, functions, solvers or (SOLVERS[method],), native=native, progress=progress)
+    return library_with(
+        model, functions, solvers or (SOLVERS[method],), native=native, progress=progress
+    )

@@ -25,7 +25,8 @@ from flexgen.mechanics.statics import gear_damping, gear_deflection
 from flexgen.model.elements import LinearSpring
 from flexgen.numerics.evaluate import evaluate
 
-INSTANT = 5e-3  # of a sampling interval: gears with a time constant D / K below it are nearly algebraic
+# of a sampling interval: gears with a time constant D / K below it are nearly algebraic
+INSTANT = 5e-3
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,12 @@ class MotorMotion:
 
 
 def motor_motion(
-    equations: Equations, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau_g: np.ndarray
+    equations: Equations,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    tau_g: np.ndarray,
 ) -> MotorMotion:
     """Motor motion and torque.
 
@@ -55,10 +61,14 @@ def motor_motion(
     """
     i_g = list(equations.model.i_g)
     p, dp, ddp = deflections(equations, t, tau_g)
-    return motors_behind(equations, [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp], tau_g[:, :, 0])
+    return motors_behind(
+        equations, [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp], tau_g[:, :, 0]
+    )
 
 
-def motors_behind(equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray) -> MotorMotion:
+def motors_behind(
+    equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray
+) -> MotorMotion:
     """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n, n_g)."""
     model = equations.model
     found = motor_stage(equations.function, model, theta, tau_g)
@@ -68,7 +78,9 @@ def motors_behind(equations: Equations, theta: Sequence[np.ndarray], tau_g: np.n
     return MotorMotion(found.q_m, found.v_m, found.a_m, tau_m)
 
 
-def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def deflections(
+    equations: Equations, t: np.ndarray, tau_g: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gear deflections p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
     from flexgen.numerics.gear_lag import gear_lag
 
@@ -83,13 +95,17 @@ def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple
     dp = np.where(elastic, tau_g[:, :, 1] / safe, 0.0)
     ddp = np.where(elastic, (tau_g[:, :, 2] - curvature * dp**2) / safe, 0.0)
     if damped.any():
-        linear = damped & np.array([isinstance(gear.spring, LinearSpring) for gear, _ in gears(equations.model)])
+        linear = damped & np.array(
+            [isinstance(gear.spring, LinearSpring) for gear, _ in gears(equations.model)]
+        )
         moving = static.copy()
         if (damped & ~linear).any():
             moving = _integrate_deflections(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
         if linear.any():
             lag_steps = gear_lag(t, stiffness[0, linear], D[linear])
-            moving[:, linear] = lag_steps.deflections(tau_g[:, linear].transpose(2, 0, 1), static[0, linear])
+            moving[:, linear] = lag_steps.deflections(
+                tau_g[:, linear].transpose(2, 0, 1), static[0, linear]
+            )
         rigidity, _ = _stiffness(equations, moving)
         torque = evaluate(spring, moving)[0].reshape(moving.shape)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -107,16 +123,24 @@ def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple
     return p, dp, ddp
 
 
-def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: MotorMotion) -> np.ndarray:
+def gear_torques(
+    equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: MotorMotion
+) -> np.ndarray:
     """Torques of the gears (n, n_g), arm side.
 
     Elastic gears: torque of spring and damper. Rigid gears: torque of the motor less that of its rotor and friction.
     """
-    elastic_torque = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
-    rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
+    elastic_torque = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[
+        0
+    ].reshape(len(q), -1)
+    rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[
+        0
+    ].reshape(len(q), -1)
     carried = carried_along(equations.model, motors.q_m, elastic_torque)
     friction = friction_along(equations.function, equations.model, motors.v_m, carried)
-    given = evaluate(equations.function("given_torque"), motors.q_m, motors.tau_m)[0].reshape(len(q), -1)
+    given = evaluate(equations.function("given_torque"), motors.q_m, motors.tau_m)[0].reshape(
+        len(q), -1
+    )
     through = (given - rotor - friction) @ equations.model.eta
     rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
     return np.where(rigid, through, elastic_torque)

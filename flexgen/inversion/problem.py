@@ -24,19 +24,26 @@ if TYPE_CHECKING:
 
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
 INTERVALS = 20_000  # of a mesh, at most: more do not fit into memory for large robots
-HELPS = 0.5  # of the estimated error of the torques, at most, is left on a mesh that is worth its time
-RESOLVED = 3.0  # zero times interval up to which three Gauss points resolve a zero; from 4.6 on it alternates in sign
+# of the estimated error of the torques, at most, is left on a mesh that is worth its time
+HELPS = 0.5
+# zero times interval up to which three Gauss points resolve a zero; from 4.6 on it alternates in
+# sign
+RESOLVED = 3.0
 GRADING = 1.5  # ratio of adjacent intervals before the path
-SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`
-LAGS = 20.0  # time constants D / K of the slowest gear after the path: its deflection has decayed by 2e-9
+# time constants after the path; the solution is cut where the motion has decayed, see `settling`
+SETTLING = 15.0
+# time constants D / K of the slowest gear after the path: its deflection has decayed by 2e-9
+LAGS = 20.0
 LONGEST_SETTLING = 5.0  # s; where a motion needs more, `settling` extends it
 LONGEST_PREVIEW = 60.0  # s before the path
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
 SPEEDS = 100  # intervals of a path, from which the speeds of the motors are estimated
-PHASE, FINEST = 0.4, 20  # rad: of the fastest harmonic, between samples; parts of the usual interval, at most
-PHASE_WITH_LIMITS = 0.1  # rad: between such samples the torque is a monotone cubic, which errs more at its extrema
+# rad: of the fastest harmonic, between samples; parts of the usual interval, at most
+PHASE, FINEST = 0.4, 20
+# rad: between such samples the torque is a monotone cubic, which errs more at its extrema
+PHASE_WITH_LIMITS = 0.1
 REVERSALS = 8.0  # samples of the torque in the longest interval that resolves a force
 POSES = 5  # along the path, where its zeros are computed
 ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
@@ -70,7 +77,11 @@ class InversionProblem:
 
     def at_rest(self, t: float) -> Equations:
         """The equations with the constant force that the process exerts at the instant ``t`` [s]."""
-        return self.equations if self.force is None else self.equations.pushed_by(self.force.at(np.array([t]))[0])
+        return (
+            self.equations
+            if self.force is None
+            else self.equations.pushed_by(self.force.at(np.array([t]))[0])
+        )
 
     @cached_property
     def windows(self) -> tuple[float, float]:
@@ -131,7 +142,9 @@ class InversionProblem:
         out = []
         for t, q in zip(times[::stride], poses[::stride], strict=True):
             equilibrium = equilibrium_at(equations, q)
-            out.append((float(t), inner_zeros(equations, linearize(equations, equilibrium), equilibrium)))
+            out.append(
+                (float(t), inner_zeros(equations, linearize(equations, equilibrium), equilibrium))
+            )
         return out
 
     @cached_property
@@ -145,7 +158,11 @@ class InversionProblem:
     def too_rough(self) -> tuple[str, ...]:
         """Warnings where a path is too rough for a continuous torque, with the error, or its samples not at rest."""
         report, name = self.smoothness, self.path.move.name
-        ends = [line for segment in self.path.segments for line in getattr(segment.curve, "in_motion", ())]
+        ends = [
+            line
+            for segment in self.path.segments
+            for line in getattr(segment.curve, "in_motion", ())
+        ]
         moving = tuple(f"move {name}: {line}" for line in ends)
         if report.sufficient:
             return moving
@@ -163,7 +180,9 @@ class InversionProblem:
         equations, model = self.at_rest(0.0), self.equations.model
         if self.path.move.type == "joint" and model.n_e == 0:
             return equilibrium_at(equations, self.path.q_start)
-        simple = replace(self, equations=Equations(replace(model, motor_coupling="simplified"))).at_rest(0.0)
+        simple = replace(
+            self, equations=Equations(replace(model, motor_coupling="simplified"))
+        ).at_rest(0.0)
         return equilibrium_at(equations, Reduction(simple).start(self.path).q_a)
 
     @cached_property
@@ -193,7 +212,9 @@ class InversionProblem:
         from flexgen.analysis.zeros import time_constants
 
         zeros = self.zeros[0][1] if self.zeros else np.zeros(0)
-        fastest = max((float(z.real) for z in zeros if time_constants(np.array([z]))[0] > 0), default=0.0)
+        fastest = max(
+            (float(z.real) for z in zeros if time_constants(np.array([z]))[0] > 0), default=0.0
+        )
         return RESOLVED / fastest if fastest > 0 else np.inf
 
     def nodes(self, h: float) -> tuple[float, np.ndarray]:
@@ -201,17 +222,22 @@ class InversionProblem:
         from flexgen.analysis.zeros import preview
 
         preactuation, settling = self.windows
-        early = max(2 * preactuation / preview(1.0), h / 5)  # two time constants of the unstable zero dynamics
+        # two time constants of the unstable zero dynamics
+        early = max(2 * preactuation / preview(1.0), h / 5)
         if self.preview is not None:
             preactuation = float(self.preview)
-        return preactuation, _mesh(preactuation, early, self.path.duration, settling, h, self.resolving)
+        return preactuation, _mesh(
+            preactuation, early, self.path.duration, settling, h, self.resolving
+        )
 
     def check_options(self, method: str, *known: str) -> None:
         """ArgumentError where an option is given that the method does not have."""
         for name in self.options:
             if name not in known:
                 expected = f"one of {', '.join(known)}" if known else "none"
-                raise ArgumentError(f"options: method {method} was given {name!r}, expected {expected}")
+                raise ArgumentError(
+                    f"options: method {method} was given {name!r}, expected {expected}"
+                )
 
     def log(self, text: str) -> None:
         """Pass a line of text to ``progress``, if there is one."""
@@ -232,7 +258,11 @@ def _mesh(
     Before it intervals of min(2 h, ``early``); where these are longer than ``resolving`` they become shorter towards
     the path, down to that length.
     """
-    spans = [(-preactuation, 0.0, min(2 * h, early)), (0.0, duration, h), (duration, duration + settling, 2 * h)]
+    spans = [
+        (-preactuation, 0.0, min(2 * h, early)),
+        (0.0, duration, h),
+        (duration, duration + settling, 2 * h),
+    ]
     counts = [max(1, int(np.ceil((b - a) / d - 1e-9))) if b > a else 0 for a, b, d in spans]
     if sum(counts) > INTERVALS:
         raise ArgumentError(

@@ -25,7 +25,11 @@ def problem_of(solution: Solution, accuracy: float) -> str:
     lines = lines or tuple(text for text in solution.warnings if "exceeds its limit" in text)
     more = f", and {len(lines) - 1} more (see the warnings)" if len(lines) > 1 else ""
     slower = ["exceeds its limit" in line for line in lines]  # not a range: more time helps
-    advice = [] if all(slower) else ["choose another target or path: more time does not help beyond a range"]
+    advice = (
+        []
+        if all(slower)
+        else ["choose another target or path: more time does not help beyond a range"]
+    )
     if any(slower):
         advice.append("give the move more time, or keep torques and speeds with --limits")
     advice.append("for studies use --ignore-limits")
@@ -44,7 +48,11 @@ def _inaccuracy(solution: Solution, accuracy: float) -> str:
             f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
             "so it verifies nothing; check whether the model is too stiff"
         )
-    if simulation is not None and simulation.feedback is not None and not residual_is_small(solution):
+    if (
+        simulation is not None
+        and simulation.feedback is not None
+        and not residual_is_small(solution)
+    ):
         return (
             f"{solution.status}: the torques do not satisfy the equations of motion: relative residual "
             f"{solution.residual_relative:.1e}; try a finer --mesh or a smoother move"
@@ -56,7 +64,11 @@ def _inaccuracy(solution: Solution, accuracy: float) -> str:
     return (
         f"{solution.status}: the simulated output deviates from the {aim} by {errors}, more than the accuracy "
         f"{accuracy:.3g}; "
-        + ("give the move more time or " if aim == "path" else "loosen the limits, give the move more time or ")
+        + (
+            "give the move more time or "
+            if aim == "path"
+            else "loosen the limits, give the move more time or "
+        )
         + ("" if solution.method == "lq" else "take --method auto or lq, or ")
         + "a finer --mesh"
     )

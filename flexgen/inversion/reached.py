@@ -59,15 +59,24 @@ class BestSolution:
         """
         if self.accepted is not None and stage is not None:
             return self.accepted
-        reason = INTERRUPTED if stage is None else f"the time limit of {limit:g} s ended in: {stage}"
+        reason = (
+            INTERRUPTED if stage is None else f"the time limit of {limit:g} s ended in: {stage}"
+        )
         if self.solution is None:
             if stage is None:
                 raise KeyboardInterrupt
             before = f"; tried before: {'; '.join(self.tried)}" if self.tried else ""
             raise SolverError(f"no solution: {reason}{before}; {ADVICE}")
-        measured = "its error was not verified" if np.isinf(self.error) else f"its verified error is {self.error:.3g}"
+        measured = (
+            "its error was not verified"
+            if np.isinf(self.error)
+            else f"its verified error is {self.error:.3g}"
+        )
         warning = f"the solution is the best so far, {measured}: {reason}"
-        details = {**self.solution.details, **({"attempts": list(self.tried)} if self.tried else {})}
+        details = {
+            **self.solution.details,
+            **({"attempts": list(self.tried)} if self.tried else {}),
+        }
         return replace(
             self.solution,
             status=Status.TOLERANCE_NOT_MET,

@@ -28,7 +28,8 @@ from flexgen.mechanics.statics import Equilibrium, balance, hold_output
 from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path, PathSample
 
-SINGULAR = 1e-9  # relative size of the smallest singular value below which rows no longer determine accelerations
+# relative size of the smallest singular value below which rows no longer determine accelerations
+SINGULAR = 1e-9
 DOUBTFUL = 1e-5  # and below which they may amplify errors, so that `motion_through` is tried too
 
 
@@ -74,7 +75,17 @@ class Reduction:
         arm = self.equations.function("inverse_dynamics")(q, v, a) - lag.arm_forces
         row = ca.vertcat(ca.SX(0, 1), *[arm[i] for i in self.i_e]) - lag.tau_e
         tau = arm[self.i_g]
-        graph = {"q": q, "v": v, "a": a, "j": j, "s": s, "W": W, "row0": row, "tau0": tau, "rate1": ca.mtimes(W, v)}
+        graph = {
+            "q": q,
+            "v": v,
+            "a": a,
+            "j": j,
+            "s": s,
+            "W": W,
+            "row0": row,
+            "tau0": tau,
+            "rate1": ca.mtimes(W, v),
+        }
         for k in (1, 2):
             graph[f"row{k}"] = rate(graph[f"row{k - 1}"])
             graph[f"tau{k}"] = rate(graph[f"tau{k - 1}"])
@@ -117,7 +128,9 @@ class Reduction:
 
         SolverError where the output does not determine the actuated coordinates there.
         """
-        jacobian = evaluate(self._output_error, path.q_start, self.targets(path.sample(np.zeros(1)))[0])[1][0]
+        jacobian = evaluate(
+            self._output_error, path.q_start, self.targets(path.sample(np.zeros(1)))[0]
+        )[1][0]
         sizes = np.linalg.svd(jacobian.reshape(self.n_y, -1), compute_uv=False)
         if sizes[-1] < SINGULAR * max(sizes[0], 1e-300):
             raise SolverError(
@@ -136,7 +149,9 @@ class Reduction:
     def _output_error(self) -> ca.Function:
         error, target = self.output_error
         q = self._graph["q"]
-        return ca.Function("output_error", [q, target], [error, ca.densify(ca.jacobian(error, q[self.i_g]))])
+        return ca.Function(
+            "output_error", [q, target], [error, ca.densify(ca.jacobian(error, q[self.i_g]))]
+        )
 
     def close(self, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) to reach ``targets``."""
@@ -147,7 +162,9 @@ class Reduction:
             try:
                 step = np.linalg.solve(jacobian, error[:, :, None])[:, :, 0]
             except np.linalg.LinAlgError:
-                raise SolverError("inverse kinematics: the path passes a singular pose; choose another path") from None
+                raise SolverError(
+                    "inverse kinematics: the path passes a singular pose; choose another path"
+                ) from None
             q[:, self.i_g] -= step
             if np.abs(step).max() < 1e-14 * (1 + np.abs(q).max()):
                 break
@@ -176,7 +193,9 @@ class Reduction:
                 try:
                     step = np.linalg.solve(jacobian, -residual[:, 0])
                 except np.linalg.LinAlgError:
-                    raise SolverError(f"path: singular pose at t = {times[k]:.4g} s; choose another path") from None
+                    raise SolverError(
+                        f"path: singular pose at t = {times[k]:.4g} s; choose another path"
+                    ) from None
                 q = q + step
                 if np.abs(step).max() < 1e-12 * (1 + np.abs(value).max() + np.abs(q).max()):
                     break
@@ -191,12 +210,27 @@ class Reduction:
     @cached_property
     def _levels(self) -> ca.Function:
         g = self._graph
-        names = ["rate1", "rate2", "rate3", "rate4", "row0", "row1", "row2", "tau0", "tau1", "tau2", "G", "W"]
+        names = [
+            "rate1",
+            "rate2",
+            "rate3",
+            "rate4",
+            "row0",
+            "row1",
+            "row2",
+            "tau0",
+            "tau1",
+            "tau2",
+            "G",
+            "W",
+        ]
         outputs = [ca.densify(g[name]) for name in names]
         given = [*"qvajs", *(name for name in ("f0", "f1", "f2") if name in g)]
         return ca.Function("levels", [g[name] for name in given], outputs, given, names)
 
-    def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> tuple[Motion | None, bool]:
+    def motion(
+        self, sample: PathSample, q: np.ndarray, v_e: np.ndarray
+    ) -> tuple[Motion | None, bool]:
         """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
 
         The equations hold exactly at each instant by construction. None where their matrix is singular: there the rows
@@ -213,7 +247,9 @@ class Reduction:
         if ratio < SINGULAR:
             return None, True
         doubtful = ratio < DOUBTFUL or len(np.unique(np.linalg.slogdet(rows)[0])) > 1
-        v = np.linalg.solve(self._picking(at["W"]), np.hstack([sample.derivative(1), v_e])[:, :, None])[:, :, 0]
+        v = np.linalg.solve(
+            self._picking(at["W"]), np.hstack([sample.derivative(1), v_e])[:, :, None]
+        )[:, :, 0]
         chain = [q, v, zero, zero, zero]
         scale = np.abs(G).max(axis=2)
         for k in (2, 3, 4):
@@ -223,7 +259,9 @@ class Reduction:
             chain[k] = np.linalg.solve(rows, (rhs / scale)[:, :, None])[:, :, 0]
         return self._motion(chain), doubtful
 
-    def motion_through(self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]) -> Motion:
+    def motion_through(
+        self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]
+    ) -> Motion:
         """The motion with given derivatives 1 to 4 of the non-actuated coordinates, each (n, n_e)."""
         n = len(q)
         zero = np.zeros_like(q)
@@ -231,12 +269,18 @@ class Reduction:
         at = self._at(chain)
         picking = self._picking(at["W"])
         for k in (1, 2, 3, 4):
-            output = sample.derivative(k) - (0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y))
-            chain[k] = np.linalg.solve(picking, np.hstack([output, deflection[k - 1]])[:, :, None])[:, :, 0]
+            output = sample.derivative(k) - (
+                0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y)
+            )
+            chain[k] = np.linalg.solve(picking, np.hstack([output, deflection[k - 1]])[:, :, None])[
+                :, :, 0
+            ]
         return self._motion(chain)
 
     def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
-        return dict(zip(self._levels.name_out(), evaluate(self._levels, *chain, *self._force), strict=True))
+        return dict(
+            zip(self._levels.name_out(), evaluate(self._levels, *chain, *self._force), strict=True)
+        )
 
     def _picking(self, W: np.ndarray) -> np.ndarray:
         """The matrix (n, n_a, n_a) whose upper rows are W and whose lower rows pick the non-actuated coordinates."""

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 SAMPLES = 900_000  # at most
 SAMPLED = 4  # samples of the torque in each interval of a program's mesh, at least
-COARSEST, PER_INTERVAL = 1e-2, 8  # s: the longest interval; samples of each with a force, under which motors reverse
+# s: the longest interval; samples of each with a force, under which motors reverse
+COARSEST, PER_INTERVAL = 1e-2, 8
 
 
 def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int]:
@@ -38,9 +39,14 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
         step = min(problem.sampling, h / PER_INTERVAL)
     if problem.preview is not None:
         before = float(problem.preview)
-    gears = [c.dof.gear for c in problem.equations.model.coordinates if c.dof is not None and c.dof.gear is not None]
+    gears = [
+        c.dof.gear
+        for c in problem.equations.model.coordinates
+        if c.dof is not None and c.dof.gear is not None
+    ]
     linear = all(gear.rigid or isinstance(gear.spring, LinearSpring) for gear in gears)
-    step = step if linear else step / 2  # where a gear's stiffness changes, its deflection is less smooth
+    # where a gear's stiffness changes, its deflection is less smooth
+    step = step if linear else step / 2
     steps = int(np.ceil(duration / min(step, h) - 1e-9))
     whole = (duration + before + after) / duration
     if whole * steps > SAMPLES:
@@ -63,11 +69,14 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     )
 
 
-def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def samples(
+    reduction: Reduction, path: Path, period: float, n: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Output (n, n_t) and its first two time derivatives (n, n_y) at n samples of a path."""
     sample = path.sample_orders(np.arange(n) * period, 3)
     return tuple(
-        np.ascontiguousarray(x) for x in (reduction.targets(sample), sample.derivative(1), sample.derivative(2))
+        np.ascontiguousarray(x)
+        for x in (reduction.targets(sample), sample.derivative(1), sample.derivative(2))
     )  # type: ignore[return-value]
 
 
@@ -81,7 +90,9 @@ def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResu
     t = found.t
     step = t[1] - t[0]
     if not np.isfinite(found.tau_m).all():
-        raise SolverError("the library returned torques that are not finite; try another --mesh or a smoother move")
+        raise SolverError(
+            "the library returned torques that are not finite; try another --mesh or a smoother move"
+        )
     return MethodResult(
         t,
         found.q_a,
@@ -122,7 +133,9 @@ def differentiate(x: np.ndarray, step: float, *, settled: bool = False) -> np.nd
     moving = x[: len(x) - settled]
     for _ in range(4 * settled):  # the motion before the jump, continued by parabolas
         moving = np.concatenate([moving, 3 * (moving[-1:] - moving[-2:-1]) + moving[-3:-2]])
-    found = np.stack([f(moving, step)[: len(x)] for f in (time_derivative, second_time_derivative)], axis=2)
+    found = np.stack(
+        [f(moving, step)[: len(x)] for f in (time_derivative, second_time_derivative)], axis=2
+    )
     found[len(x) - settled :] = 0.0
     return np.concatenate([x[:, :, None], found], axis=2)
 
@@ -130,5 +143,7 @@ def differentiate(x: np.ndarray, step: float, *, settled: bool = False) -> np.nd
 def _neighbors(x: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The samples one, two and three later, and earlier; constant before and after."""
     padded = np.concatenate([np.repeat(x[:1], 3, axis=0), x, np.repeat(x[-1:], 3, axis=0)])
-    later, earlier = ([padded[3 + s * k : len(padded) - 3 + s * k] for k in (1, 2, 3)] for s in (1, -1))
+    later, earlier = (
+        [padded[3 + s * k : len(padded) - 3 + s * k] for k in (1, 2, 3)] for s in (1, -1)
+    )
     return later, earlier

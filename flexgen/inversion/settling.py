@@ -71,7 +71,9 @@ def invert_until_settled(
         moving = np.flatnonzero(size > SETTLED * problem.accuracy)
         last = int(moving[-1]) + 1 if len(moving) else 0
         if last < len(size):
-            fewest = min(found.n_post, int(np.ceil(max(SHORTEST, problem.gear_settling) / found.period)))
+            fewest = min(
+                found.n_post, int(np.ceil(max(SHORTEST, problem.gear_settling) / found.period))
+            )
             return _cut(found, max(last + 1, fewest), end), slow_gears(problem)
         if problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy:
             # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
@@ -79,7 +81,9 @@ def invert_until_settled(
             return _fade_to_equilibrium(problem, found, end), slow_gears(problem)
         decay, after = _slowest_decay(problem), n_post * found.period
         longest = min(LONGEST_DECAY, (SAMPLES - len(found.q_a) + n_post) * found.period)
-        longer = min(after + MARGIN * decay * np.log(size[-1] / (SETTLED * problem.accuracy)), longest)
+        longer = min(
+            after + MARGIN * decay * np.log(size[-1] / (SETTLED * problem.accuracy)), longest
+        )
         left = np.exp((after - longer) / decay)
         if left > REDUCED or left * size[-1] > problem.accuracy:
             units = sorted(set(output_units(problem.equations.model)))
@@ -89,7 +93,9 @@ def invert_until_settled(
                 f"error covers {HELD:g} s with the last torque held; damp the springs that are not actuated, or "
                 "excite them less by a slower or smoother move",
             )
-        problem.log(f"vibrations decay with {decay:.3g} s: inverting until {longer:.3g} s after the path")
+        problem.log(
+            f"vibrations decay with {decay:.3g} s: inverting until {longer:.3g} s after the path"
+        )
         n_post = int(longer / found.period)
 
 
@@ -119,18 +125,24 @@ def _measure_remaining(problem: InversionProblem, found: Inversion, end: Equilib
     equations, model = problem.equations, problem.equations.model
     i_g, i_e = list(model.i_g), list(model.i_e)
     target = np.zeros(model.output.target_size)
-    W = evaluate(equations.function("output_constraint"), found.q_a[-1], 0.0 * found.q_a[-1], target)[1]
+    W = evaluate(
+        equations.function("output_constraint"), found.q_a[-1], 0.0 * found.q_a[-1], target
+    )[1]
     W = W.reshape(-1, model.n_a)
     M = evaluate(equations.function("mass_matrix"), found.q_a[-1])[0].reshape(model.n_a, model.n_a)
     drift = W[:, i_g] @ np.linalg.solve(M[np.ix_(i_g, i_g)], M[np.ix_(i_g, i_e)]) - W[:, i_e]
     after = slice(len(found.q_a) - found.n_post, None)
     deflections, speeds = found.q_a[after][:, i_e] - end.q_a[i_e], HELD * found.v_a[after][:, i_e]
-    sizes = [np.linalg.norm(x @ X.T, axis=1) for X in (W[:, i_e], drift) for x in (deflections, speeds)]
+    sizes = [
+        np.linalg.norm(x @ X.T, axis=1) for X in (W[:, i_e], drift) for x in (deflections, speeds)
+    ]
     size = np.max(sizes, axis=0)
     return np.maximum.accumulate(size[::-1])[::-1]
 
 
-def _fade_to_equilibrium(problem: InversionProblem, found: Inversion, end: Equilibrium) -> Inversion:
+def _fade_to_equilibrium(
+    problem: InversionProblem, found: Inversion, end: Equilibrium
+) -> Inversion:
     """The inversion with deviations from the equilibrium that fade out in the second half of the time after the path.
 
     ``x -> x_end + w (x - x_end)`` with a polynomial w(t) from 1 to 0; the torque has the inertia of the rotors in it:
@@ -138,12 +150,18 @@ def _fade_to_equilibrium(problem: InversionProblem, found: Inversion, end: Equil
     """
     n = max(2, found.n_post // 2)
     u = np.linspace(0.0, 1.0, n)[:, None]
-    fade = np.polynomial.Polynomial([1, 0, 0, 0, -35, 84, -70, 20])  # three derivatives are zero at both ends
+    # three derivatives are zero at both ends
+    fade = np.polynomial.Polynomial([1, 0, 0, 0, -35, 84, -70, 20])
     w, dw, ddw = (fade.deriv(k)(u) / ((n - 1) * found.period) ** k for k in range(3))
-    arrays = {name: getattr(found, name).copy() for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")}
+    arrays = {
+        name: getattr(found, name).copy()
+        for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
+    }
     q_a, v_a, a_a, tau_g, q_m, v_m, tau_m = (x[-n:] for x in arrays.values())  # views
     inertia = np.array([motor.inertia for motor in problem.equations.model.motors])
-    tau_m[:] = end.tau_m + w * (tau_m - end.tau_m) + inertia * (2 * dw * v_m + ddw * (q_m - end.q_m))
+    tau_m[:] = (
+        end.tau_m + w * (tau_m - end.tau_m) + inertia * (2 * dw * v_m + ddw * (q_m - end.q_m))
+    )
     tau_g[:] = end.tau_g + w * (tau_g - end.tau_g)
     a_a[:] = w * a_a + 2 * dw * v_a + ddw * (q_a - end.q_a)
     for q, v, last in ((q_a, v_a, end.q_a), (q_m, v_m, end.q_m)):
@@ -155,7 +173,15 @@ def _fade_to_equilibrium(problem: InversionProblem, found: Inversion, end: Equil
 def _cut(found: Inversion, n_post: int, end: Equilibrium) -> Inversion:
     """The inversion with the first ``n_post`` samples after the path, the last one replaced by the equilibrium."""
     keep = len(found.q_a) - found.n_post + n_post
-    last = {"q_a": end.q_a, "v_a": 0.0, "a_a": 0.0, "tau_g": end.tau_g, "q_m": end.q_m, "v_m": 0.0, "tau_m": end.tau_m}
+    last = {
+        "q_a": end.q_a,
+        "v_a": 0.0,
+        "a_a": 0.0,
+        "tau_g": end.tau_g,
+        "q_m": end.q_m,
+        "v_m": 0.0,
+        "tau_m": end.tau_m,
+    }
     arrays = {name: getattr(found, name)[:keep].copy() for name in last}
     for name, value in last.items():
         arrays[name][-1] = value

@@ -119,7 +119,10 @@ class Solution(Result):
 
     def __str__(self) -> str:
         """Status, tool error, largest torque and speed, trajectory, warnings; methods that were left before."""
-        t, torque, speed = self.trajectory.time, *(np.abs(self.trajectory[x]).max() for x in ("tau_m", "v_m"))
+        t, torque, speed = (
+            self.trajectory.time,
+            *(np.abs(self.trajectory[x]).max() for x in ("tau_m", "v_m")),
+        )
         attempts = [f"  tried before: {text}" for text in self.details.get("attempts", ())]
         return "\n".join(
             [
@@ -128,7 +131,10 @@ class Solution(Result):
                 f"  {self._error_text()}",
                 f"  motor torque up to {torque:.4g} N m, motor speed up to {speed:.4g} rad/s",
                 f"  {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, pre-actuation {self.preactuation_s:.3g} s",
-                *([f"  warning: {' '.join(text.split())}" for text in self.warnings] or ["  warnings: none"]),
+                *(
+                    [f"  warning: {' '.join(text.split())}" for text in self.warnings]
+                    or ["  warnings: none"]
+                ),
                 *attempts,
             ]
         )
@@ -139,7 +145,9 @@ class Solution(Result):
         if self.simulation is None:
             return f"{what} error not measured (no verification by simulation)"
         held = both_measured(*self._held_errors())
-        more = f", with {self.torque_command.title()} {held}" if self.torque_command and held else ""
+        more = (
+            f", with {self.torque_command.title()} {held}" if self.torque_command and held else ""
+        )
         if self.status == Status.LIMITS_ACTIVE:
             errors = both_measured(self.tool_error_max_m, self.tool_error_max_rad)
             where = f"{errors} from the reference at the same time"
@@ -206,14 +214,20 @@ class Solution(Result):
         from flexgen.accuracy.figures import path_accuracy
 
         if self.simulation is None or self._unverified:
-            raise ArgumentError("accuracy: given a solution without verification, expected one with verify=True")
+            raise ArgumentError(
+                "accuracy: given a solution without verification, expected one with verify=True"
+            )
         run, wanted, unit = self.simulation.trajectory, self.trajectory, unit_of(self.model)
         columns = columns_in(self.model, unit)
-        y = np.column_stack([np.interp(run.time, wanted.time, x) for x in wanted["y_ref"].T[columns]])
+        y = np.column_stack(
+            [np.interp(run.time, wanted.time, x) for x in wanted["y_ref"].T[columns]]
+        )
         attained = (y + run["error"][:, columns])[None]
         named: dict[str, Any] = {"robots": (self.model.name,), "unit": unit, "band": band}
         if "R_ref" in wanted:
-            R_ref = np.column_stack([np.interp(run.time, wanted.time, x) for x in wanted["R_ref"].T])
+            R_ref = np.column_stack(
+                [np.interp(run.time, wanted.time, x) for x in wanted["R_ref"].T]
+            )
             R = evaluate(derive(self.model).function("forward_kinematics"), run["q_a"])[1]
             named["orientations"] = R_ref.reshape(-1, 3, 3), R[None]
         motion = run.time, y, attained
@@ -252,7 +266,12 @@ class Solution(Result):
             Figure("motor torque, largest", float(np.abs(tau).max()), "N m", "torque_max_Nm"),
             Figure("motor speed, largest", float(np.abs(speed).max()), "rad/s", "speed_max_rad_s"),
             *self._force_figures(),
-            Figure("residual of the equations of motion, largest", self.residual_max_Nm, "N m", "residual_max_Nm"),
+            Figure(
+                "residual of the equations of motion, largest",
+                self.residual_max_Nm,
+                "N m",
+                "residual_max_Nm",
+            ),
             Figure("relative residual", self.residual_relative, "relative", "residual_relative"),
             *error_figures(simulation, what, label),
             Figure(
@@ -264,7 +283,12 @@ class Solution(Result):
             Figure(held, held_errors[0], "m", "held_error_max_m"),
             Figure(held, held_errors[1], "rad", "held_error_max_rad"),
             *(
-                Figure("simulated error from the modified path, largest", value, unit, f"plan_error_max_{unit}")
+                Figure(
+                    "simulated error from the modified path, largest",
+                    value,
+                    unit,
+                    f"plan_error_max_{unit}",
+                )
                 for value, unit in ((self.plan_error_max_m, "m"), (self.plan_error_max_rad, "rad"))
             ),
             Figure(
@@ -331,7 +355,9 @@ def relative_residual(equations: Equations, trajectory: Trajectory, rows: np.nda
     scale = np.zeros(robot.n_a)
     scale[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
     if robot.n_e:
-        elastic = evaluate(equations.function("elastic_torque"), trajectory["q_a"], trajectory["v_a"])[0]
+        elastic = evaluate(
+            equations.function("elastic_torque"), trajectory["q_a"], trajectory["v_a"]
+        )[0]
         scale[list(robot.i_e)] = np.abs(elastic.reshape(-1, robot.n_e)).max(axis=0)
     motors = np.abs(trajectory["tau_m"]).max(axis=0)[list(robot.i_m)]
     # a row with next to no torque is relative to the largest of its kind
@@ -347,12 +373,19 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
     slack = 1e-3 if trajectory.meta.get("torque") == "limited" else 1e-9
     out = []
     for j, motor in enumerate(robot.motors):
-        for channel, limit, unit in (("tau_m", motor.torque_max, "N m"), ("v_m", motor.speed_max, "rad/s")):
+        for channel, limit, unit in (
+            ("tau_m", motor.torque_max, "N m"),
+            ("v_m", motor.speed_max, "rad/s"),
+        ):
             largest = float(np.abs(trajectory[channel][:, j]).max())
             if limit is not None and largest > limit * (1 + slack):
                 what = "torque" if channel == "tau_m" else "speed"
-                out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
-    out += exceeded_limits(robot, limits_of_model(robot).without("torque", "speed"), trajectory, slack)
+                out.append(
+                    f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}"
+                )
+    out += exceeded_limits(
+        robot, limits_of_model(robot).without("torque", "speed"), trajectory, slack
+    )
     for i, coordinate in enumerate(robot.coordinates):
         dof = coordinate.dof
         if dof is None:
@@ -360,10 +393,17 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
         q, v, a = (trajectory[x][:, i] for x in ("q_a", "v_a", "a_a"))
         u = coordinate.unit
         if dof.lower is not None and q.min() < dof.lower - 1e-9:
-            out.append(f"coordinate {dof.name}: {q.min():.4g} {u} is below its limit {dof.lower:.4g} {u}")
+            out.append(
+                f"coordinate {dof.name}: {q.min():.4g} {u} is below its limit {dof.lower:.4g} {u}"
+            )
         if dof.upper is not None and q.max() > dof.upper + 1e-9:
-            out.append(f"coordinate {dof.name}: {q.max():.4g} {u} is above its limit {dof.upper:.4g} {u}")
-        for values, limit, unit in ((v, dof.speed_max, f"{u}/s"), (a, dof.acceleration_max, f"{u}/s^2")):
+            out.append(
+                f"coordinate {dof.name}: {q.max():.4g} {u} is above its limit {dof.upper:.4g} {u}"
+            )
+        for values, limit, unit in (
+            (v, dof.speed_max, f"{u}/s"),
+            (a, dof.acceleration_max, f"{u}/s^2"),
+        ):
             if limit is not None and np.abs(values).max() > limit * (1 + 1e-9):
                 out.append(
                     f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its limit {limit:.4g} {unit}"
@@ -371,7 +411,9 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
     return tuple(out)
 
 
-def exceeded_limits(robot: RobotModel, limits: Limits, trajectory: Trajectory, slack: float = 1e-3) -> tuple[str, ...]:
+def exceeded_limits(
+    robot: RobotModel, limits: Limits, trajectory: Trajectory, slack: float = 1e-3
+) -> tuple[str, ...]:
     """Which of some limits the trajectory exceeds, by more than the relative ``slack``."""
     if limits.without("thermal_time") == Limits(reserve=limits.reserve):
         return ()
@@ -388,17 +430,32 @@ def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Sol
 
     Or beyond those of the ``given`` limits that its method does not keep.
     """
-    more = () if given is None else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory, KEPT_TO)
+    more = (
+        ()
+        if given is None
+        else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory, KEPT_TO)
+    )
     solution = replace(solution, warnings=tuple(dict.fromkeys((*solution.warnings, *more))))
     if solution.status not in (Status.SOLVED, Status.LIMITS_ACTIVE):
         return solution
-    robot, path, active = solution.model, solution.trajectory, solution.status == Status.LIMITS_ACTIVE
-    if not more and not ignore:  # a path that limits changed leaves the speeds of joints for which it was planned
-        more = exceeded_limits(robot, limits_of_model(robot), path, KEPT_TO) if active else limit_warnings(robot, path)
+    robot, path, active = (
+        solution.model,
+        solution.trajectory,
+        solution.status == Status.LIMITS_ACTIVE,
+    )
+    # a path that limits changed leaves the speeds of joints for which it was planned
+    if not more and not ignore:
+        more = (
+            exceeded_limits(robot, limits_of_model(robot), path, KEPT_TO)
+            if active
+            else limit_warnings(robot, path)
+        )
     return replace(solution, status=Status.LIMITS_EXCEEDED) if more else solution
 
 
 def has_kinks(robot: RobotModel) -> bool:
     """Whether a gear spring has a kink, where the torque of exact tracking jumps."""
-    springs = [c.dof.gear.spring for c in robot.coordinates if c.dof is not None and c.dof.gear is not None]
+    springs = [
+        c.dof.gear.spring for c in robot.coordinates if c.dof is not None and c.dof.gear is not None
+    ]
     return any(isinstance(spring, PiecewiseSpring) for spring in springs)

@@ -16,9 +16,22 @@ from flexgen.inversion.choice import check_applies, default_method, further_meth
 from flexgen.inversion.hold import CommandName, Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
-from flexgen.inversion.problem import ACCURACY, HELD, HELPS, INTERVALS, LONGEST_SETTLING, InversionProblem
+from flexgen.inversion.problem import (
+    ACCURACY,
+    HELD,
+    HELPS,
+    INTERVALS,
+    LONGEST_SETTLING,
+    InversionProblem,
+)
 from flexgen.inversion.reached import BestSolution, stage_of
-from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows, within_limits
+from flexgen.inversion.solution import (
+    Solution,
+    limit_warnings,
+    relative_residual,
+    residual_rows,
+    within_limits,
+)
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation, with_simulation
@@ -39,9 +52,11 @@ from flexgen.type_checks import checked_types
 
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
 ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
-RETRIES = 1  # more, where only the residual between the samples is too large, or lq has nearly converged
+# more, where only the residual between the samples is too large, or lq has nearly converged
+RETRIES = 1
 NEAR = 100.0  # times the accuracy: an error of lq that a finer mesh may still reduce to it
-ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
+# relative: largest error of the energy balance of a simulation that verifies something
+ENERGY = 1e-7
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
 TIME_LIMIT = 120.0  # s
@@ -49,7 +64,18 @@ FURTHER = 60.0  # s: "auto" starts no further method after this time
 
 
 @checked_types(
-    own=("method", "preview", "mesh", "limits", "accuracy", "hold", "sample_time", "delay", "time_limit", "force")
+    own=(
+        "method",
+        "preview",
+        "mesh",
+        "limits",
+        "accuracy",
+        "hold",
+        "sample_time",
+        "delay",
+        "time_limit",
+        "force",
+    )
 )
 @reported("solve")
 def solve(
@@ -70,7 +96,12 @@ def solve(
     ignore_limits: bool = False,
     fixed_joint: str | None = None,
     fastest: bool = False,
-    force: np.ndarray | Callable[[np.ndarray], np.ndarray] | Trajectory | str | FilePath | None = None,
+    force: np.ndarray
+    | Callable[[np.ndarray], np.ndarray]
+    | Trajectory
+    | str
+    | FilePath
+    | None = None,
     progress: Choice = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
@@ -128,7 +159,10 @@ def solve(
     >>> torque.shape, float(abs(torque).max().round(2))
     ((1005, 2), 19.76)
     """
-    began, log = (time.perf_counter(), time.process_time()), progress if callable(progress) else None
+    began, log = (
+        (time.perf_counter(), time.process_time()),
+        progress if callable(progress) else None,
+    )
     check_arguments(method, preview, mesh, accuracy, time_limit, limits)
     controller, reached = Hold(hold, sample_time, delay, command), BestSolution()
     given = preview, mesh, limits, verify, accuracy, log, dict(options or {}), force
@@ -139,8 +173,12 @@ def solve(
             solution = within_limits(solution, problem.limits, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
             solution = reached.finish(stage_of(error, deadline.interrupted), time_limit)
-    solution = replace(solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh)))
-    return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
+    solution = replace(
+        solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh))
+    )
+    return replace(
+        solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1]
+    )
 
 
 def _problem(
@@ -157,17 +195,26 @@ def _problem(
     preview, mesh, limits, verify, accuracy, log, options, force = given
     equations = _derive(model, log)
     if fastest:
-        warn_of_old("solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move")
-        move, limits = find_function("Move.fastest")(equations.model, move, limits, log or False), None
+        warn_of_old(
+            "solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move"
+        )
+        move, limits = (
+            find_function("Move.fastest")(equations.model, move, limits, log or False),
+            None,
+        )
     equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
     if force is not None:
         from flexgen.paths.process_force import make_force
 
         force = make_force(force, equations.model, path.duration)
-    return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options, force)
+    return InversionProblem(
+        equations, path, preview, mesh, limits, verify, accuracy, log, options, force
+    )
 
 
-def _derive(model: str | FilePath | RobotModel | Equations, log: Callable[[str], None] | None) -> Equations:
+def _derive(
+    model: str | FilePath | RobotModel | Equations, log: Callable[[str], None] | None
+) -> Equations:
     """The equations of motion of a model."""
     if isinstance(model, Equations):
         return model
@@ -195,7 +242,9 @@ def _find_solution(problem: InversionProblem, method: str, reached: BestSolution
     return found
 
 
-def _automatic_solution(problem: InversionProblem, method: Method, reached: BestSolution) -> Solution:
+def _automatic_solution(
+    problem: InversionProblem, method: Method, reached: BestSolution
+) -> Solution:
     """The first verified solution: of the default method, or of a further one that applies to the model.
 
     ``details["attempts"]`` of the solution lists what failed before; so does the message of the error.
@@ -225,7 +274,11 @@ def _automatic_solution(problem: InversionProblem, method: Method, reached: Best
         if found is None:
             continue
         if found.status != Status.TOLERANCE_NOT_MET:
-            return replace(found, details={**found.details, "attempts": outcomes}) if outcomes else found
+            return (
+                replace(found, details={**found.details, "attempts": outcomes})
+                if outcomes
+                else found
+            )
         best = best or found
         outcomes.append(f"{candidate.name}: {found.details.get('missed', found.status)}")
     if best is not None:
@@ -250,13 +303,16 @@ def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverE
     from flexgen.codegen.interface import STATUSES
 
     text = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
-    tool = problem.equations.model.output.type != "combination"  # joints and their combinations have no singular poses
+    # joints and their combinations have no singular poses
+    tool = problem.equations.model.output.type != "combination"
     return tool and len(failures) == ATTEMPTS and all(text in str(error) for _, error in failures)
 
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
     """The result of a method on intervals of ``h`` [s]."""
-    solver: Callable[[InversionProblem, float], MethodResult] = import_object(f"{method.module}:{method.function}")
+    solver: Callable[[InversionProblem, float], MethodResult] = import_object(
+        f"{method.module}:{method.function}"
+    )
     result = solver(problem, h)
     robot = problem.equations.model
     if hysteretic_joints(robot) or bristled_motors(robot):
@@ -266,7 +322,7 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
     return result
 
 
-def _refine(
+def _refine(  # noqa: C901
     problem: InversionProblem,
     method: Method,
     reached: BestSolution,
@@ -278,7 +334,11 @@ def _refine(
     the method fails on all of them.
     """
     duration = problem.path.duration
-    h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
+    h = (
+        max(min(duration / 100, LONGEST), duration / (INTERVALS / 4))
+        if problem.mesh is None
+        else float(problem.mesh)
+    )
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
     best, least, hidden, near = None, (True, np.inf), False, False
     for attempt in range(attempts + (RETRIES if attempts > 1 else 0)):
@@ -287,7 +347,9 @@ def _refine(
             break
         check_time(f"method {method.name}, intervals of {h / 2**attempt:.3g} s")
         try:
-            solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
+            solution = make_solution(
+                problem, method.name, run_method(method, problem, h / 2**attempt)
+            )
         except SolverError as error:
             if not least[0]:
                 break
@@ -306,9 +368,16 @@ def _refine(
             continue
         # the simulation of a program takes seconds, and so does that of a motion that decays slowly; where gears with
         # hysteresis reverse, the residual is large on every mesh
-        long = len(problem.path.segments) > 1 or solution.trajectory.time[-1] > duration + 2 * LONGEST_SETTLING
+        long = (
+            len(problem.path.segments) > 1
+            or solution.trajectory.time[-1] > duration + 2 * LONGEST_SETTLING
+        )
         long = long and "tau_h" not in solution.trajectory
-        if (hidden or long) and not residual_is_small(solution) and attempt + (not hidden) < attempts:
+        if (
+            (hidden or long)
+            and not residual_is_small(solution)
+            and attempt + (not hidden) < attempts
+        ):
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
         checked = verify_by_simulation(problem, solution)
@@ -320,7 +389,11 @@ def _refine(
         hidden = worst <= problem.accuracy and simulation.energy_error <= ENERGY
         near = method.name == "lq" and worst <= NEAR * problem.accuracy
         # a feedback reduces all errors; short residuals, at corners of a derivative of the path, do nothing without it
-        exact = simulation.feedback is None or residual_is_small(solution) or checked.defect <= problem.accuracy
+        exact = (
+            simulation.feedback is None
+            or residual_is_small(solution)
+            or checked.defect <= problem.accuracy
+        )
         accepted, hidden = hidden and exact, hidden and not exact
         rough = _estimate_ripple(solution) if accepted else worst
         if accepted and rough == 0.0:
@@ -329,7 +402,11 @@ def _refine(
             break
         refusal = _refusal(problem, worst, simulation.energy_error)
         if best is None or (not accepted, rough) < least:  # on a finer mesh rounding may be larger
-            missed = replace(solution, status=Status.TOLERANCE_NOT_MET, details={**solution.details, "missed": refusal})
+            missed = replace(
+                solution,
+                status=Status.TOLERANCE_NOT_MET,
+                details={**solution.details, "missed": refusal},
+            )
             best, least = _with_ripple(solution) if accepted else missed, (not accepted, rough)
         if accepted:
             reached.accepted, refusal = best, f"torques are off by about {rough:.0e} of the largest"
@@ -410,14 +487,30 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
     if problem.force is not None:
         rows.append(problem.force.channel(t))
     if result.tau_h is not None:
-        rows.append(("tau_h", result.tau_h, of_g, "torques of the gears' hysteresis, arm side", names_g))
+        rows.append(
+            ("tau_h", result.tau_h, of_g, "torques of the gears' hysteresis, arm side", names_g)
+        )
     if result.tau_b is not None:
-        rows.append(("tau_b", result.tau_b, "N m", "torques of the bristles of the motors' friction", names_m))
-    units = {name: (unit,) * len(labels) if isinstance(unit, str) else unit for name, _, unit, _, labels in rows}
+        rows.append(
+            (
+                "tau_b",
+                result.tau_b,
+                "N m",
+                "torques of the bristles of the motors' friction",
+                names_m,
+            )
+        )
+    units = {
+        name: (unit,) * len(labels) if isinstance(unit, str) else unit
+        for name, _, unit, _, labels in rows
+    }
     return Trajectory(
         t,
         {name: values for name, values, *_ in rows},
-        {name: Port(name, (values.shape[1],), common_unit(units[name]), doc) for name, values, _, doc, _ in rows},
+        {
+            name: Port(name, (values.shape[1],), common_unit(units[name]), doc)
+            for name, values, _, doc, _ in rows
+        },
         {name: labels for name, *_, labels in rows},
         {
             "model": robot.name,
@@ -437,7 +530,9 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
     trajectory = _trajectory(problem, method, result)
     rows = residual_rows(equations, trajectory)
     if not np.isfinite(rows).all():
-        raise SolverError(f"method {method}: the result is not finite; try another --mesh or a smoother move")
+        raise SolverError(
+            f"method {method}: the result is not finite; try another --mesh or a smoother move"
+        )
     return Solution(
         model=equations.model,
         move=path.move,
@@ -452,7 +547,11 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
         cpu_s=0.0,
         preactuation_s=result.preactuation,
         simulation=None,
-        warnings=(*limit_warnings(equations.model, trajectory), *problem.too_rough, *result.warnings),
+        warnings=(
+            *limit_warnings(equations.model, trajectory),
+            *problem.too_rough,
+            *result.warnings,
+        ),
         intervals=result.intervals,
         details=dict(result.details),
     )

@@ -29,12 +29,20 @@ def check_arguments(
         "time_limit": "a positive time in s; None or 0: no limit",
     }
     for name, value in zip(expected, (preview, mesh, accuracy, time_limit), strict=True):
-        if value is None or (name in ("preview", "time_limit") and value == 0 and not isinstance(value, bool)):
+        if value is None or (
+            name in ("preview", "time_limit") and value == 0 and not isinstance(value, bool)
+        ):
             continue
-        if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
+        if (
+            not isinstance(value, Real)
+            or isinstance(value, bool)
+            or not (np.isfinite(value) and value > 0)
+        ):
             raise ArgumentError(f"{name}: given {value!r}, expected {expected[name]}")
     if limits is not None and not isinstance(limits, Limits):
-        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
+        raise ArgumentError(
+            f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)"
+        )
 
 
 def without_effect(method: str, preview: float | None, mesh: float | None) -> tuple[str, ...]:

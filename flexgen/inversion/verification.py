@@ -50,7 +50,8 @@ def verify_by_simulation(
         problem.equations,
         solution.trajectory,
         start=problem.equilibrium,
-        feedback=NONE if solution.status == Status.BASELINE else AUTO,  # its motor angles are not those of the robot
+        # its motor angles are not those of the robot
+        feedback=NONE if solution.status == Status.BASELINE else AUTO,
         command=command,
         progress=problem.progress,
     )
@@ -82,10 +83,14 @@ def with_simulation(solution: Solution, checked: Verification) -> Solution:
     )
 
 
-def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float | None, float | None]:
+def plan_error(
+    equations: Equations, solution: Solution, simulation: Simulation
+) -> tuple[float | None, float | None]:
     """Largest distance [m] and angle [rad] of the simulated output from the planned one; None: no such output."""
     both = (solution.trajectory, simulation.trajectory)
-    planned, found = (evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both)
+    planned, found = (
+        evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both
+    )
     units = np.array(output_units(equations.model))
     columns = ((found - planned)[:, units == u] for u in ("m", "rad"))
     in_m, in_rad = (float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns)

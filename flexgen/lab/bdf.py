@@ -26,7 +26,14 @@ from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.problem import InversionProblem
-from flexgen.lab.initial_value import States, check_causal, dae_of, instants, result_of_states, zeros_along
+from flexgen.lab.initial_value import (
+    States,
+    check_causal,
+    dae_of,
+    instants,
+    result_of_states,
+    zeros_along,
+)
 from flexgen.paths.path import Path
 
 COEFFICIENTS = {
@@ -109,7 +116,9 @@ def march(
             change = float(np.abs(step[:n]).max())
             if not np.isfinite(change):
                 break
-            if (change <= TOLERANCE and before <= STALLED) or (change <= STALLED and change > 0.3 * before):
+            if (change <= TOLERANCE and before <= STALLED) or (
+                change <= STALLED and change > 0.3 * before
+            ):
                 break
             before = change
         if not change <= STALLED:
@@ -121,12 +130,16 @@ def march(
     return Marched(t, x, dx, iterations)
 
 
-def extrapolate(dae: InverseDae, path: Path, t: np.ndarray, x_eq: np.ndarray, order: int = 1) -> Marched:
+def extrapolate(
+    dae: InverseDae, path: Path, t: np.ndarray, x_eq: np.ndarray, order: int = 1
+) -> Marched:
     """`march` with steps h and h/2, and Richardson's extrapolation at the instants t: one order more."""
     coarse = march(dae, path, t, x_eq, order)
     fine = march(dae, path, np.linspace(t[0], t[-1], 2 * len(t) - 1), x_eq, order)
     factor = 2.0**order
-    x, dx = ((factor * a[::2] - b) / (factor - 1) for a, b in ((fine.x, coarse.x), (fine.dx, coarse.dx)))
+    x, dx = (
+        (factor * a[::2] - b) / (factor - 1) for a, b in ((fine.x, coarse.x), (fine.dx, coarse.dx))
+    )
     return Marched(t, x, dx, coarse.iterations + fine.iterations)
 
 
@@ -152,7 +165,9 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     if order is not None and (order not in COEFFICIENTS or isinstance(order, bool)):
         raise ArgumentError(f"options: method bdf was given order {order!r}, expected 1, 2, 3 or 4")
     if not isinstance(richardson, bool):
-        raise ArgumentError(f"options: method bdf was given richardson {richardson!r}, expected True or False")
+        raise ArgumentError(
+            f"options: method bdf was given richardson {richardson!r}, expected True or False"
+        )
     check_causal(problem, "bdf", differentiates=False)
     dae = dae_of(problem)
     t = instants(problem, min(h / 5, problem.step))

@@ -41,8 +41,11 @@ from flexgen.numerics.evaluate import evaluate
 
 ORDER = 4
 REFINEMENT = 2.5  # nodes for each interval of the default mesh
-DELTA = 1.6e-18  # delta for a path of one interval; on a finer grid the torque changes less from node to node
-START = 1e14  # weight of the equilibrium at the start: nearly a constraint, the unstable part must be free to begin
+# delta for a path of one interval; on a finer grid the torque changes less from node to node
+DELTA = 1.6e-18
+# weight of the equilibrium at the start: nearly a constraint, the unstable part must be free to
+# begin
+START = 1e14
 END = 1e4  # weight of the equilibrium at the end: enough to select the bounded motion
 STEPS = 40
 CLOSE = 1e-9  # rad or m: step of the coordinates that ends the iteration, arm side
@@ -84,7 +87,9 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     problem.check_options("discretized", "order")
     order = problem.options.get("order", ORDER)
     if isinstance(order, bool) or order not in _DIFFERENCES:
-        raise ArgumentError(f"options: method discretized was given order {order!r}, expected 2, 4 or 6")
+        raise ArgumentError(
+            f"options: method discretized was given order {order!r}, expected 2, 4 or 6"
+        )
     preactuation, settling = problem.windows
     preactuation = preactuation if problem.preview is None else float(problem.preview)
     spacing = h if problem.mesh is not None else h / REFINEMENT
@@ -98,11 +103,17 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         preactuation=-float(found.t[0]),
         iterations=found.iterations,
         intervals=len(found.t) - 1,
-        details={"order": order, "spacing_s": float(found.t[1] - found.t[0]), "path_error": found.path_error},
+        details={
+            "order": order,
+            "spacing_s": float(found.t[1] - found.t[0]),
+            "path_error": found.path_error,
+        },
     )
 
 
-def discretize(problem: InversionProblem, h: float, order: int, preactuation: float, settling: float) -> Discretized:
+def discretize(
+    problem: InversionProblem, h: float, order: int, preactuation: float, settling: float
+) -> Discretized:
     """Solve on a uniform grid of about ``h`` [s], ``preactuation`` [s] before the path to ``settling`` [s] after it."""
     system = _System(problem, h, order, preactuation, settling)
     y, tau = system.start()
@@ -110,7 +121,10 @@ def discretize(problem: InversionProblem, h: float, order: int, preactuation: fl
     for count in range(1, STEPS + 1):
         check_time(f"method discretized, step {count}")
         dy, dtau = system.step(y, tau)
-        moved, pushed = float(np.abs(dy / system.scale_y).max()), float(np.abs(dtau / system.tau_0).max())
+        moved, pushed = (
+            float(np.abs(dy / system.scale_y).max()),
+            float(np.abs(dtau / system.tau_0).max()),
+        )
         # steps that do not decrease oscillate about a kink of the equations: take half of them
         damping = damping / 2 if moved > SHRINK * before else min(1.0, 2 * damping)
         before, length = moved, damping
@@ -121,7 +135,9 @@ def discretize(problem: InversionProblem, h: float, order: int, preactuation: fl
                 break
             length /= 2
         (y, tau), violation = trial, new
-        problem.log(f"discretized, step {count}: coordinates {moved:9.2e}, torques {pushed:9.2e}, residual {new:9.2e}")
+        problem.log(
+            f"discretized, step {count}: coordinates {moved:9.2e}, torques {pushed:9.2e}, residual {new:9.2e}"
+        )
         if not np.isfinite(new):
             break
         if moved <= CLOSE and pushed <= CLOSE_TORQUE:
@@ -138,7 +154,9 @@ class _System:
     Nodes -m ... N-1+m, the output holds at all of them; the equations of motion at 0 ... N-1.
     """
 
-    def __init__(self, problem: InversionProblem, h: float, order: int, preactuation: float, settling: float) -> None:
+    def __init__(
+        self, problem: InversionProblem, h: float, order: int, preactuation: float, settling: float
+    ) -> None:
         self.problem, self.equations, self.path = problem, problem.equations, problem.path
         self.m = m = order // 2
         duration = problem.path.duration
@@ -161,14 +179,18 @@ class _System:
         ratio = np.abs(model.eta).max(axis=1)
         self.scale_y = np.r_[np.ones(self.n_a), ratio[self.i_m]]
         turned = ratio * np.array([motor.inertia for motor in model.motors])
-        self.tau_0 = np.maximum(np.abs(problem.equilibrium.tau_m), np.maximum(0.1 * ACCELERATION * turned, 1e-3))
+        self.tau_0 = np.maximum(
+            np.abs(problem.equilibrium.tau_m), np.maximum(0.1 * ACCELERATION * turned, 1e-3)
+        )
         self.delta = DELTA * (duration / self.h) ** 2
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Initial coordinates (K, n) and torques (N, n_m): the quasi-static motion."""
         reduction = simply_coupled(self.equations)
         motion = quasistatic_motion(reduction, self.path, self.t)
-        motors = motor_motion(reduction.equations, self.t, motion.q, motion.v, motion.a, motion.tau_g)
+        motors = motor_motion(
+            reduction.equations, self.t, motion.q, motion.v, motion.a, motion.tau_g
+        )
         y = np.hstack([motion.q, motors.q_m[:, self.i_m]])
         equilibrium, ends = self.problem.equilibrium, 2 * self.m
         self.aim = np.zeros_like(y)
@@ -222,7 +244,15 @@ class _System:
         still = np.zeros(self.n_a), np.zeros(self.n_m)
         M = evaluate(
             self.equations.function("residual_jacobians"),
-            *(equilibrium.q_a, still[0], still[0], equilibrium.q_m, still[1], still[1], equilibrium.tau_m),
+            *(
+                equilibrium.q_a,
+                still[0],
+                still[0],
+                equilibrium.q_m,
+                still[1],
+                still[1],
+                equilibrium.tau_m,
+            ),
         )[0].reshape(self.n, self.n)
         return self.h**2 / np.maximum(np.abs(M * self.scale_y).max(axis=1), 1e-300)
 
@@ -237,8 +267,13 @@ class _System:
         output = N * n + np.arange(K * self.n_y).reshape(K, self.n_y)
         blocks = [(dynamic, y_at[j : j + N]) for j in range(2 * m + 1)]
         blocks += [(dynamic, tau_at), (output, y_at[:, : self.n_a])]
-        pairs = [np.broadcast_arrays(rows[:, :, None], columns[:, None, :]) for rows, columns in blocks]
-        return (np.concatenate([rows.ravel() for rows, _ in pairs]), np.concatenate([c.ravel() for _, c in pairs]))
+        pairs = [
+            np.broadcast_arrays(rows[:, :, None], columns[:, None, :]) for rows, columns in blocks
+        ]
+        return (
+            np.concatenate([rows.ravel() for rows, _ in pairs]),
+            np.concatenate([c.ravel() for _, c in pairs]),
+        )
 
     def jacobian(self, y: np.ndarray, tau: np.ndarray, output: np.ndarray) -> sp.csc_matrix:
         """Jacobian of the scaled constraints in the scaled unknowns: equations of motion, then the output."""
@@ -247,7 +282,9 @@ class _System:
         M, D, K, B = second_order_matrices(*found)
         left, inner = self.row_scale[None, :, None], self.scale_y[None, None, :]
         M, D, K = (left * x * inner for x in (M, D, K))
-        blocks = [K * self.D[0][j] + D * self.D[1][j] + M * self.D[2][j] for j in range(2 * self.m + 1)]
+        blocks = [
+            K * self.D[0][j] + D * self.D[1][j] + M * self.D[2][j] for j in range(2 * self.m + 1)
+        ]
         blocks += [-left * B * self.tau_0, output * self.scale_y[: self.n_a]]
         rows, columns = self.pattern
         values = np.concatenate([block.ravel() for block in blocks])
@@ -258,17 +295,23 @@ class _System:
     @cached_property
     def hessian(self) -> sp.csc_matrix:
         """Of the cost in the scaled unknowns."""
-        changes = sp.diags([np.ones(self.N - 1), -np.ones(self.N - 1)], [1, 0], shape=(self.N - 1, self.N))
+        changes = sp.diags(
+            [np.ones(self.N - 1), -np.ones(self.N - 1)], [1, 0], shape=(self.N - 1, self.N)
+        )
         ends = np.zeros((self.N + 2 * self.m, self.n))
         ends[: 2 * self.m], ends[-2 * self.m :] = START, END
-        return sp.block_diag([sp.diags(ends.ravel()), sp.kron(changes.T @ changes, sp.eye(self.n_m))]).tocsc()
+        return sp.block_diag(
+            [sp.diags(ends.ravel()), sp.kron(changes.T @ changes, sp.eye(self.n_m))]
+        ).tocsc()
 
     def step(self, y: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Step of the coordinates and the torques."""
         error, output = self.errors(y)
         A = self.jacobian(y, tau, output)
         c = np.concatenate([(self.residual(y, tau) * self.row_scale).ravel(), error.ravel()])
-        offset = np.concatenate([((y - self.aim) / self.scale_y).ravel(), (tau / self.tau_0).ravel()])
+        offset = np.concatenate(
+            [((y - self.aim) / self.scale_y).ravel(), (tau / self.tau_0).ravel()]
+        )
         n_x, n_r, root = A.shape[1], self.N * self.n, np.sqrt(self.delta)
         size = 1 / np.maximum(np.abs(A).max(axis=1).toarray().ravel(), 1e-300)
         A, c = sp.diags(size) @ A, size * c

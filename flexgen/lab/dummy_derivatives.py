@@ -29,7 +29,8 @@ from flexgen.errors import ArgumentError, SolverError
 SINGULAR = 1e-10  # relative size of the last pivot below which no choice works
 ITERATIONS = 30
 TOLERANCE = 1e-15
-STALLED = 1e-6  # a correction that is smaller, in units of the scales, and shrinks no more is rounding
+# a correction that is smaller, in units of the scales, and shrinks no more is rounding
+STALLED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,20 @@ class DummyDerivatives:
         G = ca.vertcat(*found)
         highest = ca.vertcat(*[Y[places[-1]] for places in self.place])
         return (
-            ca.Function("system", [Y, U], [ca.densify(G), ca.densify(ca.jacobian(G, Y))], ["Y", "U"], ["G", "dG"]),
-            ca.Function("highest", [Y, U], [ca.densify(ca.jacobian(ca.vertcat(*top), highest))], ["Y", "U"], ["J"]),
+            ca.Function(
+                "system",
+                [Y, U],
+                [ca.densify(G), ca.densify(ca.jacobian(G, Y))],
+                ["Y", "U"],
+                ["G", "dG"],
+            ),
+            ca.Function(
+                "highest",
+                [Y, U],
+                [ca.densify(ca.jacobian(ca.vertcat(*top), highest))],
+                ["Y", "U"],
+                ["J"],
+            ),
         )
 
     def at_rest(self, x: np.ndarray) -> np.ndarray:
@@ -119,13 +132,17 @@ class DummyDerivatives:
         n = self.dae.n
         y, v, a = ([places[r] for places in self.place[:n]] for r in range(3))
         tau = [places[0] for places in self.place[n:]]
-        return np.hstack([Y[:, y], Y[:, v], Y[:, tau]]), np.hstack([Y[:, v], Y[:, a], np.zeros((len(Y), len(tau)))])
+        return np.hstack([Y[:, y], Y[:, v], Y[:, tau]]), np.hstack(
+            [Y[:, v], Y[:, a], np.zeros((len(Y), len(tau)))]
+        )
 
     def scales(self, x_rest: np.ndarray) -> np.ndarray:
         """Sizes of the numbers of Y: of its unknowns, times a typical rate for each derivative."""
         size, torque, rate = self.dae.scales(x_rest)
         unit = np.concatenate([size, torque])
-        return np.array([unit[j] * rate**r for j, places in enumerate(self.place) for r in range(len(places))])
+        return np.array(
+            [unit[j] * rate**r for j, places in enumerate(self.place) for r in range(len(places))]
+        )
 
     # --- choice -----------------------------------------------------------------------------------------------------
 
@@ -196,7 +213,9 @@ class DummyDerivatives:
         rates = Y[list(choice.rates)] if choice.rates else ca.SX(0, 1)
         return ca.Function("index_one", [s, z, U], [rates, G], ["s", "z", "U"], ["ds", "G"])
 
-    def consistent(self, choice: Choice, Y: np.ndarray, U: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, int]:
+    def consistent(
+        self, choice: Choice, Y: np.ndarray, U: np.ndarray, scale: np.ndarray
+    ) -> tuple[np.ndarray, int]:
         """Consistent values Y (size,) with the states as given, from a guess, and the iterations of Newton's method.
 
         ``scale``: see `scales`. SolverError where it does not converge.

@@ -39,7 +39,9 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
     zero = problem.unstable_zero
     if zero is None:
         return
-    value = f"{zero.value.real:+.4g}" + (f" +- {abs(zero.value.imag):.4g}i" if zero.value.imag else "")
+    value = f"{zero.value.real:+.4g}" + (
+        f" +- {abs(zero.value.imag):.4g}i" if zero.value.imag else ""
+    )
     raise ArgumentError(
         f"method {method}: the zero dynamics of model {model.name} along move {problem.path.move.name} is unstable, "
         f"with a zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start diverges; "
@@ -102,7 +104,9 @@ def result_of_states(
     """
     t, x, dx = states.t, states.x, states.dx
     if not (np.isfinite(x).all() and np.isfinite(dx).all()):
-        raise SolverError(f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move")
+        raise SolverError(
+            f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move"
+        )
     model, n = problem.equations.model, dae.n
     state = dae.unpack(x)
     i_g, i_m = list(model.i_g), list(model.i_m)

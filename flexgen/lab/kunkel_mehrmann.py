@@ -51,7 +51,11 @@ class Regular:
 
 
 def integrate(
-    system: StrangenessFree, path: Path, t: np.ndarray, x_eq: np.ndarray, table: Tableau | None = None
+    system: StrangenessFree,
+    path: Path,
+    t: np.ndarray,
+    x_eq: np.ndarray,
+    table: Tableau | None = None,
 ) -> Regular:
     """Integrate the regularized DAE from equilibrium.
 
@@ -155,7 +159,9 @@ def _newton(
         if size <= TOLERANCE or (size < STALLED and size > 0.3 * before):
             return iteration
         before = size
-    raise SolverError(f"Newton's iteration did not converge, last correction {size:.1e} of the unknowns' sizes")
+    raise SolverError(
+        f"Newton's iteration did not converge, last correction {size:.1e} of the unknowns' sizes"
+    )
 
 
 def regularize(dae: InverseDae, x_eq: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
@@ -195,5 +201,11 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         States(t, found.x, found.dx),
         iterations=found.iterations,
         verdict="Radau IIA, 3 stages",
-        details={"mu": system.mu, "a": system.a, "d": system.d, "gap": found.gap, "step_s": float(t[1] - t[0])},
+        details={
+            "mu": system.mu,
+            "a": system.a,
+            "d": system.d,
+            "gap": found.gap,
+            "step_s": float(t[1] - t[0]),
+        },
     )

@@ -11,5 +11,12 @@ DISCRETIZED = Method(
     any_coupling=True,
 )
 BDF = Method("bdf", "BDF with constant steps on the original DAE of high index", "flexgen.lab.bdf")
-REDUCED = Method("reduced", "index reduction by dummy derivatives, SUNDIALS", "flexgen.lab.reduced", refines=False)
-KUNKEL_MEHRMANN = Method("kunkel-mehrmann", "regularized DAE, Radau IIA", "flexgen.lab.kunkel_mehrmann")
+REDUCED = Method(
+    "reduced",
+    "index reduction by dummy derivatives, SUNDIALS",
+    "flexgen.lab.reduced",
+    refines=False,
+)
+KUNKEL_MEHRMANN = Method(
+    "kunkel-mehrmann", "regularized DAE, Radau IIA", "flexgen.lab.kunkel_mehrmann"
+)

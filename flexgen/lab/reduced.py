@@ -31,7 +31,8 @@ from flexgen.paths.path import Path
 IDAS = "method reduced, integration by IDAS"  # a stage of the time limit
 RTOL, ATOL = 1e-11, 1e-13  # of IDAS, for states in rad or m
 # where IDAS does not converge: relax the tolerance, then integrate a part of the horizon only, and choose other states
-RETRIES = ((1, 1.0), (1, 10.0), (8, 10.0), (8, 1000.0))  # divisor of the horizon, factor of the tolerance
+# divisor of the horizon, factor of the tolerance
+RETRIES = ((1, 1.0), (1, 10.0), (8, 10.0), (8, 1000.0))
 LOOSER = 1e6  # tolerance of the other unknowns relative to that of the states
 STEPS = 5_000  # of IDAS between two instants, at most
 POOR = 0.05  # quality of a choice of states below which others are chosen
@@ -57,7 +58,10 @@ class _PathSignals(ca.Callback):
 
     def __init__(self, dae: InverseDae, path: Path, orders: int) -> None:
         ca.Callback.__init__(self)
-        self._read, self._last = lambda t: dae.targets(path.sample(np.array([t])), orders)[0], (np.nan, ca.DM())
+        self._read, self._last = (
+            lambda t: dae.targets(path.sample(np.array([t])), orders)[0],
+            (np.nan, ca.DM()),
+        )
         self._shape = (dae.n_u, orders + 1)
         self.construct("path", {})
 
@@ -73,7 +77,9 @@ class _PathSignals(ca.Callback):
     def has_jacobian(self) -> bool:
         return True
 
-    def get_jacobian(self, name: str, names_in: list[str], names_out: list[str], options: dict) -> ca.Function:
+    def get_jacobian(
+        self, name: str, names_in: list[str], names_out: list[str], options: dict
+    ) -> ca.Function:
         """Zero: IDAS differentiates in the unknowns at one instant, where the path is constant."""
         t, U = ca.MX.sym("t"), ca.MX.sym("U", *self._shape)
         zero = ca.MX(self._shape[0] * self._shape[1], 1)
@@ -83,7 +89,8 @@ class _PathSignals(ca.Callback):
         t = float(arguments[0])
         try:
             check_time(IDAS)
-        except (OutOfTime, KeyboardInterrupt):  # CasADi would print it: IDAS fails on NaN, and the caller checks again
+        # CasADi would print it: IDAS fails on NaN, and the caller checks again
+        except (OutOfTime, KeyboardInterrupt):
             return [ca.DM.nan(*self._shape)]
         if t != self._last[0]:  # Newton's method needs the same instant several times
             self._last = (t, ca.DM(self._read(t)))
@@ -101,7 +108,9 @@ def offsets(dae: InverseDae) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return report.c, report.d
 
 
-def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_eq: np.ndarray, rtol: float = RTOL) -> Reduced:
+def integrate(
+    dummies: DummyDerivatives, path: Path, t: np.ndarray, x_eq: np.ndarray, rtol: float = RTOL
+) -> Reduced:
     """Integrate the index-1 DAE from equilibrium.
 
     Parameters
@@ -140,7 +149,9 @@ def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_eq: np.nda
             check_time(f"method reduced at t = {t[i]:.4g} of {t[-1]:.4g} s")
             guess = Y[i - 1].copy()
             guess[list(choice.states)] = states[i - k - 1]
-            guess[list(choice.algebraic)] = algebraic[i - k - 1] if len(algebraic) else guess[list(choice.algebraic)]
+            guess[list(choice.algebraic)] = (
+                algebraic[i - k - 1] if len(algebraic) else guess[list(choice.algebraic)]
+            )
             try:
                 Y[i], _ = dummies.consistent(choice, guess, U[i], scale)
                 good = not choice.states or dummies.quality(choice, Y[i], U[i]) >= POOR
@@ -167,7 +178,8 @@ def _states(
 
     All instants, or the first of them where IDAS does not converge further.
     """
-    if not choice.states:  # all unknowns follow from the path and its derivatives: there is nothing to integrate
+    # all unknowns follow from the path and its derivatives: there is nothing to integrate
+    if not choice.states:
         return np.zeros((len(t) - 1, 0)), np.zeros((0, 0)), rtol, (0, 0)
     columns = (list(choice.states), list(choice.algebraic))
     # the other unknowns are computed again, and rounding would not allow the tolerance of the states
@@ -175,7 +187,9 @@ def _states(
     G = dummies.system(Y, signals(t[0]))[1].full() * scale
     rows = np.maximum(np.abs(G).max(axis=1), 1e-300)
     s, z, time = ca.MX.sym("s", len(columns[0])), ca.MX.sym("z", len(columns[1])), ca.MX.sym("t")
-    ds, residual = dummies.index_one(choice)(s * ca.DM(units[0]), z * ca.DM(units[1]), signals(time))
+    ds, residual = dummies.index_one(choice)(
+        s * ca.DM(units[0]), z * ca.DM(units[1]), signals(time)
+    )
     system = {"x": s, "z": z, "t": time, "ode": ds / ca.DM(units[0]), "alg": residual / ca.DM(rows)}
     for part, factor in RETRIES:
         used, to = rtol * factor, max(2, len(t) // part)
@@ -212,15 +226,21 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     problem.check_options("reduced", "rtol")
     rtol = problem.options.get("rtol", RTOL)
     if not isinstance(rtol, float) or not 1e-13 <= rtol <= 1e-4:
-        raise ArgumentError(f"options: method reduced was given rtol {rtol!r}, expected a float from 1e-13 to 1e-4")
+        raise ArgumentError(
+            f"options: method reduced was given rtol {rtol!r}, expected a float from 1e-13 to 1e-4"
+        )
     check_causal(problem, "reduced")
     dae = dae_of(problem)
     dummies = DummyDerivatives(dae, *offsets(dae))
     x_eq = dae.pack(problem.equilibrium)
     try:
-        dummies.choose(dummies.at_rest(x_eq), dae.targets(problem.path.sample(np.zeros(1)), dummies.orders)[0])
+        dummies.choose(
+            dummies.at_rest(x_eq), dae.targets(problem.path.sample(np.zeros(1)), dummies.orders)[0]
+        )
     except SolverError as error:
-        raise ArgumentError(f"method reduced does not apply to model {dae.model.name}: {error}") from None
+        raise ArgumentError(
+            f"method reduced does not apply to model {dae.model.name}: {error}"
+        ) from None
     t = instants(problem, min(h, problem.step))
     found = integrate(dummies, problem.path, t, x_eq, rtol)
     x, dx = dummies.states_of(found.Y)

@@ -102,7 +102,9 @@ class StrangenessFree:
 
     def _jacobians(self, X: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         _, N, M = (z.full() for z in self._array.function(X, U))
-        return N * self.unit / self.row[:, None], M * self.units[:, 1:].T.ravel() / self.row[:, None]
+        return N * self.unit / self.row[:, None], M * self.units[:, 1:].T.ravel() / self.row[
+            :, None
+        ]
 
     @property
     def a(self) -> int:

@@ -173,7 +173,10 @@ class BoundLaw:
         if k == 0:
             v_a, v_m = np.zeros(n), np.zeros(n)
         else:
-            v_a, v_m = ((now - self._now[name]) / self.timing.sample_s for now, name in ((q_a, "q_a"), (q_m, "q_m")))
+            v_a, v_m = (
+                (now - self._now[name]) / self.timing.sample_s
+                for now, name in ((q_a, "q_a"), (q_m, "q_m"))
+            )
         self._now["q_a"], self._now["q_m"] = q_a, q_m
         return np.array([q_a, v_a, q_m, v_m])
 
@@ -239,7 +242,10 @@ class _Shared(ctypes.Structure):
     """``law_shared`` of model_laws.c."""
 
     _fields_ = [
-        *[(name, ctypes.c_int64) for name in "n n_y state samples columns delayed segments half_steps".split()],
+        *[
+            (name, ctypes.c_int64)
+            for name in "n n_y state samples columns delayed segments half_steps".split()
+        ],
         ("sample_s", ctypes.c_double),
         *[
             (name, ctypes.c_void_p)

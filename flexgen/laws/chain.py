@@ -32,14 +32,20 @@ def chain_gains(frequency_hz: float, n: int, form: str, sample_s: float) -> np.n
     controllable = np.column_stack([matrix_power(A, k) @ B for k in range(n)])
     last = np.zeros(n)
     last[-1] = 1.0
-    placed = matrix_power(A - math.exp(-w * sample_s) * np.eye(n), n)  # Ackermann's formula, unit sample time
+    # Ackermann's formula, unit sample time
+    placed = matrix_power(A - math.exp(-w * sample_s) * np.eye(n), n)
     gains = solve(controllable.T, last) @ placed
     return np.asarray(gains / sample_s ** np.arange(n, 0, -1))
 
 
 def _integrators(n: int, h: float) -> tuple[np.ndarray, np.ndarray]:
     """The chain over a time h with its input held: ``x(h) = A x + B s``."""
-    A = np.array([[h ** (j - i) / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)])
+    A = np.array(
+        [
+            [h ** (j - i) / math.factorial(j - i) if j >= i else 0.0 for j in range(n)]
+            for i in range(n)
+        ]
+    )
     return A, np.array([h ** (n - i) / math.factorial(n - i) for i in range(n)])
 
 
@@ -93,7 +99,9 @@ def largest_frequency(n: int, form: str, timing: Timing) -> float:
     return low
 
 
-def stable_gains(frequency_hz: float, n: int, form: str, timing: Timing, allow_unstable: bool = False) -> np.ndarray:
+def stable_gains(
+    frequency_hz: float, n: int, form: str, timing: Timing, allow_unstable: bool = False
+) -> np.ndarray:
     """`chain_gains`; ArgumentError where the sampled loop with them is not stable."""
     gains = chain_gains(frequency_hz, n, form, timing.sample_s)
     size = largest_eigenvalue(gains, timing)

@@ -83,15 +83,21 @@ class Impedance(LinearDesign):
         for name in ("damping_ratio", "frequency_hz"):
             value = getattr(self, name)
             if not (is_number(value) and 0 < value <= 1e5):
-                raise ArgumentError(f"controller, {name}: given {value!r}, expected more than 0, at most 1e5")
+                raise ArgumentError(
+                    f"controller, {name}: given {value!r}, expected more than 0, at most 1e5"
+                )
         if not (is_number(self.torque_gain) and 0 <= self.torque_gain <= 100):
-            raise ArgumentError(f"controller, torque_gain: given {self.torque_gain!r}, expected 0 to 100")
+            raise ArgumentError(
+                f"controller, torque_gain: given {self.torque_gain!r}, expected 0 to 100"
+            )
         for name in ("tool_stiffness", "joint_stiffness", "damping"):
             given = getattr(self, name)
             if given is not None and not all(is_number(x) and x >= 0 for x in given):
                 raise ArgumentError(f"controller, {name}: given {given!r}, expected numbers >= 0")
         if self.tool_stiffness is not None and self.joint_stiffness is not None:
-            raise ArgumentError("controller, joint_stiffness: given with tool_stiffness, expected one of them")
+            raise ArgumentError(
+                "controller, joint_stiffness: given with tool_stiffness, expected one of them"
+            )
         if self.tool_stiffness is not None and len(self.tool_stiffness) not in (3, 6):
             raise ArgumentError(
                 f"controller, tool_stiffness: given {len(self.tool_stiffness)} numbers, expected 3 (along x, y, z) or "
@@ -99,23 +105,38 @@ class Impedance(LinearDesign):
             )
         stiffness = self.joint_stiffness if self.tool_stiffness is None else self.tool_stiffness
         if self.damping is not None and (stiffness is None or len(self.damping) != len(stiffness)):
-            expected = "none without a stiffness" if stiffness is None else f"{len(stiffness)} numbers, as of it"
-            raise ArgumentError(f"controller, damping: given {len(self.damping)} numbers, expected {expected}")
+            expected = (
+                "none without a stiffness"
+                if stiffness is None
+                else f"{len(stiffness)} numbers, as of it"
+            )
+            raise ArgumentError(
+                f"controller, damping: given {len(self.damping)} numbers, expected {expected}"
+            )
 
     @property
     def title(self) -> str:
         """Name in tables."""
         where = "at the joints" if self.tool_stiffness is None else "at the tool"
-        return f"impedance {where}" + (f", torque feedback {self.torque_gain:g}" if self.torque_gain else "")
+        return f"impedance {where}" + (
+            f", torque feedback {self.torque_gain:g}" if self.torque_gain else ""
+        )
 
     @property
     def _given(self) -> tuple[str, object]:
         """The parameter that the stiffness comes from, and its value."""
         names = ("tool_stiffness", "joint_stiffness", "frequency_hz")
-        return next((name, getattr(self, name)) for name in names if getattr(self, name) is not None)
+        return next(
+            (name, getattr(self, name)) for name in names if getattr(self, name) is not None
+        )
 
     def linear(
-        self, model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray], samples: int = 1
+        self,
+        model: RobotModel,
+        sample_s: float,
+        delay_s: float,
+        motion: Sequence[np.ndarray],
+        samples: int = 1,
     ) -> Linear:
         """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point for each part."""
         check_design(model, sample_s, delay_s, motion)
@@ -145,7 +166,9 @@ class Impedance(LinearDesign):
                 )
         return Linear(A, B, C, D, samples)
 
-    def _of_motors(self, model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _of_motors(
+        self, model: RobotModel, motion: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness and damping (parts, n_m, n_m) between the motors and their references [N m/rad, N m s/rad]."""
         inverse, parts = np.linalg.inv(model.eta), len(motion[0])
         equations = derive(model)
@@ -157,13 +180,17 @@ class Impedance(LinearDesign):
         A, K = np.tile(inverse, (parts, 1, 1)), self.joint_stiffness
         if self.tool_stiffness is not None:
             K = self.tool_stiffness
-            jacobians = evaluate(equations.function("jacobian"), motion[0])[0].reshape(parts, 6, model.n_a)
+            jacobians = evaluate(equations.function("jacobian"), motion[0])[0].reshape(
+                parts, 6, model.n_a
+            )
             A = jacobians[:, : len(K), list(model.i_g)] @ inverse
         elif K is None:
             at_joints = model.eta.T @ inertia[0] @ model.eta
             K = ((2 * np.pi * self.frequency_hz) ** 2 * np.diag(at_joints)).tolist()
         if len(K) != A.shape[1]:
-            raise ArgumentError(f"controller, joint_stiffness: given {len(K)} numbers, expected {model.n_g}")
+            raise ArgumentError(
+                f"controller, joint_stiffness: given {len(K)} numbers, expected {model.n_g}"
+            )
         stiffness = A.transpose(0, 2, 1) @ np.diag(K) @ A
         least, most = np.linalg.eigvalsh(stiffness)[:, [0, -1]].T
         if not (least > FREE * most).all():

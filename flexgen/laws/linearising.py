@@ -38,7 +38,9 @@ HIGHEST_HZ = 1e5
 def check_frequency(value: float, name: str = "frequency_hz") -> None:
     """ArgumentError for a frequency that is not a positive number [Hz]."""
     if not (is_number(value) and 0 < value <= HIGHEST_HZ):
-        raise ArgumentError(f"controller, {name}: given {value!r}, expected more than 0, up to {HIGHEST_HZ:g} Hz")
+        raise ArgumentError(
+            f"controller, {name}: given {value!r}, expected more than 0, up to {HIGHEST_HZ:g} Hz"
+        )
 
 
 @checked_class
@@ -81,7 +83,9 @@ class FeedbackLinearisation(ModelLaw):
     def __post_init__(self) -> None:
         check_frequency(self.frequency_hz)
         if self.form not in FORMS:
-            raise ArgumentError(f"controller, form: given {self.form!r}, expected one of {', '.join(FORMS)}")
+            raise ArgumentError(
+                f"controller, form: given {self.form!r}, expected one of {', '.join(FORMS)}"
+            )
 
     @property
     def title(self) -> str:
@@ -165,13 +169,16 @@ class ComputedTorque(ModelLaw):
     def _check(self, motion: LawMotion, gains: np.ndarray) -> None:
         """ArgumentError where the sampled loop is unstable."""
         model, inverse = motion.model, np.linalg.inv(motion.model.eta)
-        if model.dof < model.n_a + model.n_m:  # behind rigid gears the law makes chains of two integrators
+        # behind rigid gears the law makes chains of two integrators
+        if model.dof < model.n_a + model.n_m:
             stable_gains(self.frequency_hz, 2, "continuous", motion.timing())
         if model.dof == model.n_a:
             return
 
         def feedback(q_a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            M = evaluate(motion.equations.function("mass_matrix"), q_a[None])[0].reshape(model.n_a, model.n_a)
+            M = evaluate(motion.equations.function("mass_matrix"), q_a[None])[0].reshape(
+                model.n_a, model.n_a
+            )
             per = (np.diag([m.inertia for m in model.motors]) @ model.eta + inverse.T @ M) @ inverse
             none = np.zeros((model.n_m, model.n_a))
             return np.hstack([none, gains[0] * per]), np.hstack([none, gains[1] * per])

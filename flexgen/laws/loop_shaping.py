@@ -36,7 +36,8 @@ from flexgen.model.elements import RobotModel
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
-LOWER, LOWERINGS = 0.8, 30  # factors of the crossover frequency that are tried where a loop is unstable
+# factors of the crossover frequency that are tried where a loop is unstable
+LOWER, LOWERINGS = 0.8, 30
 System = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
 
 
@@ -72,7 +73,9 @@ class LoopShaping(LinearDesign):
         for name in ("crossover_hz", "integral_hz", "low_pass_hz"):
             value = getattr(self, name)
             if not (is_number(value) and 0 < value <= 1e5):
-                raise ArgumentError(f"controller, {name}: given {value!r}, expected more than 0, at most 1e5 Hz")
+                raise ArgumentError(
+                    f"controller, {name}: given {value!r}, expected more than 0, at most 1e5 Hz"
+                )
         if not (is_number(self.factor) and self.factor > 1):
             raise ArgumentError(f"controller, factor: given {self.factor!r}, expected a number > 1")
 
@@ -86,15 +89,23 @@ class LoopShaping(LinearDesign):
         robot = self.model or model
         check_design(robot, sample_s, delay_s, motion)
         shape = self._shape(motor_inertias(robot, motion)[0])
-        plant = series(series(shape, pade(delay_s + sample_s / 2, robot.n_m)), linear_plant(robot, motion))
+        plant = series(
+            series(shape, pade(delay_s + sample_s / 2, robot.n_m)), linear_plant(robot, motion)
+        )
         central, gamma = coprime_controller(plant, self.factor)
-        with warnings.catch_warnings():  # the tested loop shows whether a matrix was too ill-conditioned
+        # the tested loop shows whether a matrix was too ill-conditioned
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)
             A, B, C, D, _ = cont2discrete(series(central, shape), sample_s, method="bilinear")
         return Linear(A, B, C, D), 1.0 / gamma
 
     def linear(
-        self, model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray], samples: int = 1
+        self,
+        model: RobotModel,
+        sample_s: float,
+        delay_s: float,
+        motion: Sequence[np.ndarray],
+        samples: int = 1,
     ) -> Linear:
         """The controller for the first pose; ArgumentError where the sampled loop with it is unstable there.
 
@@ -120,7 +131,8 @@ class LoopShaping(LinearDesign):
                 f"{largest:.4g}); expected {self._find_stable(attempt)}"
             )
         A, B, C, D = made.matrices
-        unused = sum(len(sensor.channels) for sensor in model.sensors)  # only the motor angles are fed back
+        # only the motor angles are fed back
+        unused = sum(len(sensor.channels) for sensor in model.sensors)
         B, D = (np.pad(x, ((0, 0), (0, 0), (0, unused))) for x in (B, D))
         return Linear(A, B, C, D)
 
@@ -137,7 +149,9 @@ class LoopShaping(LinearDesign):
 
     def _shape(self, inertias: np.ndarray) -> System:
         """W for all motors."""
-        w_c, w_i, w_l = (2 * np.pi * x for x in (self.crossover_hz, self.integral_hz, self.low_pass_hz))
+        w_c, w_i, w_l = (
+            2 * np.pi * x for x in (self.crossover_hz, self.integral_hz, self.low_pass_hz)
+        )
         integral = (np.zeros((1, 1)), np.ones((1, 1)), np.full((1, 1), w_i), np.ones((1, 1)))
         low_pass = (
             np.array([[0.0, 1.0], [-(w_l**2), -np.sqrt(2) * w_l]]), np.array([[0.0], [1.0]]), np.array([[w_l**2, 0.0]]),

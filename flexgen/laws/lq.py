@@ -35,7 +35,8 @@ OUTPUT_SCALE = 1e-3  # m or rad: unit of the output in the cost
 SPEED_WEIGHT_S = 0.01
 TOOL_FORCE, TOOL_ACCELERATION = 50.0, 1.0  # N, at most; over the mass of the robot [m/s^2]
 SENSOR_NOISE = 10.0  # times that of the model file
-LEAST_NOISE, NOT_USED = 1e-6, 1e9  # of a channel without noise, and of one that is not used; its units
+# of a channel without noise, and of one that is not used; its units
+LEAST_NOISE, NOT_USED = 1e-6, 1e9
 REGULAR = 1e-12  # weight of states that the cost does not see, relative
 
 
@@ -87,7 +88,12 @@ class LQG(LinearDesign):
         return type(self).__name__.lower()
 
     def linear(
-        self, model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray], samples: int = 1
+        self,
+        model: RobotModel,
+        sample_s: float,
+        delay_s: float,
+        motion: Sequence[np.ndarray],
+        samples: int = 1,
     ) -> Linear:
         """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point for each part.
 
@@ -158,7 +164,9 @@ def _expected_force(model: RobotModel) -> float:
     return min(TOOL_FORCE, TOOL_ACCELERATION * mass)
 
 
-def regulator(at: PoseModel, F: np.ndarray, G: np.ndarray, rho: float, u_max: np.ndarray) -> np.ndarray:
+def regulator(
+    at: PoseModel, F: np.ndarray, G: np.ndarray, rho: float, u_max: np.ndarray
+) -> np.ndarray:
     """Gain (n_m, size) of the regulator on the state with the torques under way; see the text of this module."""
     n, size = len(at.A), len(F)
     weight = at.W.T @ at.W / OUTPUT_SCALE**2

@@ -29,11 +29,15 @@ from flexgen.type_checks import checked_class
 POSES = 40  # of the motion where Tomei's condition is tested
 
 
-def _vector(given: Sequence[float] | np.ndarray, name: str, n: int, signed: bool = False) -> np.ndarray:
+def _vector(
+    given: Sequence[float] | np.ndarray, name: str, n: int, signed: bool = False
+) -> np.ndarray:
     _check_vector(given, name, signed)
     if len(given) != n:
         what = "finite numbers" if signed else "numbers > 0"
-        raise ArgumentError(f"controller, {name}: given {given!r}, expected {n} {what}, one for each motor")
+        raise ArgumentError(
+            f"controller, {name}: given {given!r}, expected {n} {what}, one for each motor"
+        )
     return np.array(given, dtype=float)
 
 
@@ -44,7 +48,9 @@ def _check_vector(given: Any, name: str, signed: bool = False) -> None:
     row = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim == 1)
     if not row or not all(is_number(x) and (signed or x > 0) for x in given):
         what = "finite numbers" if signed else "numbers > 0"
-        raise ArgumentError(f"controller, {name}: given {given!r}, expected {what}, one for each motor")
+        raise ArgumentError(
+            f"controller, {name}: given {given!r}, expected {what}, one for each motor"
+        )
 
 
 def _refuse(model_reason: str | None, law: str) -> None:
@@ -138,14 +144,18 @@ def _check_gravity(motion: LawMotion, k_p: np.ndarray) -> None:
     """Tomei's condition at poses of the motion; ArgumentError where it is violated."""
     model, reference = motion.model, motion.reference
     q = ca.SX.sym("q_a", model.n_a)
-    slope = ca.Function("dg", [q], [ca.densify(ca.jacobian(motion.equations.function("gravity").expand()(q), q))])
+    slope = ca.Function(
+        "dg", [q], [ca.densify(ca.jacobian(motion.equations.function("gravity").expand()(q), q))]
+    )
     at = np.unique(np.linspace(0, len(reference.time) - 1, POSES).astype(int))
     poses = evaluate(slope, reference.motion["q_a"][at])[0].reshape(-1, model.n_a, model.n_a)
     alpha = max(float(np.linalg.norm(x, 2)) for x in poses)
     law = motion.equations.function("gear_law")
     K = np.diag(evaluate(law, np.zeros((1, model.n_a)))[1].ravel())
     eta = np.array(model.eta)
-    least = float(np.linalg.eigvalsh(np.block([[K, -K], [-K, K + eta.T @ np.diag(k_p) @ eta]])).min())
+    least = float(
+        np.linalg.eigvalsh(np.block([[K, -K], [-K, K + eta.T @ np.diag(k_p) @ eta]])).min()
+    )
     if least <= alpha:
         raise ArgumentError(
             f"controller TomeiPD: given k_p = {k_p}, with which the smallest eigenvalue of springs and gains is "
@@ -192,19 +202,25 @@ class JointTorqueFeedback(ModelLaw):
         for name in ("k_p", "k_d", "k_t", "k_s"):
             _check_vector(getattr(self, name), name, signed=True)
         if len({x is None for x in (self.k_p, self.k_d, self.k_t, self.k_s)}) != 1:
-            raise ArgumentError("controller, k_p, k_d, k_t, k_s: given some of them, expected all four or none")
+            raise ArgumentError(
+                "controller, k_p, k_d, k_t, k_s: given some of them, expected all four or none"
+            )
 
     @property
     def title(self) -> str:
         """Name in tables."""
-        return "joint torque feedback" + (f", {self.frequency_hz:.3g} Hz" if self.k_p is None else "")
+        return "joint torque feedback" + (
+            f", {self.frequency_hz:.3g} Hz" if self.k_p is None else ""
+        )
 
     def _gains(self, motion: LawMotion, K: np.ndarray) -> np.ndarray:
         """``k_p, k_d, k_t, k_s`` (4, n_m)."""
         model, n = motion.model, motion.model.n_m
         if self.k_p is not None:
             given = {"k_p": self.k_p, "k_d": self.k_d, "k_t": self.k_t, "k_s": self.k_s}
-            return np.array([_vector(x, name, n, signed=True) for name, x in given.items() if x is not None])
+            return np.array(
+                [_vector(x, name, n, signed=True) for name, x in given.items() if x is not None]
+            )
         eta = np.array(model.eta)
         if np.any(eta != np.diag(np.diag(eta))):
             raise ArgumentError(
@@ -244,7 +260,9 @@ class JointTorqueFeedback(ModelLaw):
         arm, turned = motion.difference(motion.arm(0.0)[:, :2]), motion.difference(motion.motors())
         deflection, rate = (turned[:, k] @ inverse.T - arm[:, k] for k in range(2))
         p, dp = (x.reshape(-1, n) for x in evaluate(law, deflection))
-        table = np.hstack([motion.reference.held, turned[:, 0], turned[:, 1], p @ inverse, (rate * dp) @ inverse])
+        table = np.hstack(
+            [motion.reference.held, turned[:, 0], turned[:, 1], p @ inverse, (rate * dp) @ inverse]
+        )
         return BoundLaw(
             JOINT_TORQUE, model, library_with(model, ["gear_law"]), ("gear",), motion.timing(), table, gains,
             motion.state_channel, motion.link_channels("JointTorqueFeedback"), motion.reference.held[0],

@@ -38,7 +38,8 @@ from flexgen.type_checks import checked_result, checked_types
 
 ALIASES = 20  # frequencies on each side of 0
 FREQUENCIES = 200
-STILL = 1e-6  # of the largest speed of the tool per joint speed: a direction in which the tool does not move
+# of the largest speed of the tool per joint speed: a direction in which the tool does not move
+STILL = 1e-6
 UNSTABLE = 1.0 + 1e-9  # eigenvalue; springs that are soft for the friction creep
 AT_ONCE = 1e-9  # of the largest entry: a signal that a force changes at once
 
@@ -94,15 +95,24 @@ class Passivity(Result):
 
     def __str__(self) -> str:
         """One line for each pose."""
-        lines = [f"{self.model}, controller {self.controller}: " + ("passive" if self.passive else "not passive")]
+        lines = [
+            f"{self.model}, controller {self.controller}: "
+            + ("passive" if self.passive else "not passive")
+        ]
         for name, margins in zip(self.poses, self.margins, strict=True):
             k = int(margins.argmin())
-            lines.append(f"  {name}: damping at the tool at least {margins[k]:.4g} N s/m, at {self.hz[k]:.4g} Hz")
+            lines.append(
+                f"  {name}: damping at the tool at least {margins[k]:.4g} N s/m, at {self.hz[k]:.4g} Hz"
+            )
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON types, SI units."""
-        return super().to_dict() | {"passive": self.passive, "margin": self.margin, "fails_hz": self.fails_hz}
+        return super().to_dict() | {
+            "passive": self.passive,
+            "margin": self.margin,
+            "fails_hz": self.fails_hz,
+        }
 
 
 @checked_types
@@ -152,7 +162,9 @@ def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
                 f"run: given a loop that is unstable at the pose {name} (largest eigenvalue {largest:.4g}), expected a "
                 "stable one; change the controller first"
             )
-        margins.append(_margins(loop, equations, {key: x[k] for key, x in run.reference.motion.items()}, hz))
+        margins.append(
+            _margins(loop, equations, {key: x[k] for key, x in run.reference.motion.items()}, hz)
+        )
     return Passivity(run.model.name, run.controller, tuple(poses), hz, np.array(margins))
 
 
@@ -163,14 +175,19 @@ def _with_viscous_friction(model: RobotModel) -> RobotModel:
         return Friction(viscous=friction.viscous_at(model.temperature))
 
     elements = tuple(
-        replace(element, dofs=tuple(replace(dof, friction=viscous(dof.friction)) for dof in element.dofs))
+        replace(
+            element,
+            dofs=tuple(replace(dof, friction=viscous(dof.friction)) for dof in element.dofs),
+        )
         for element in model.elements
     )
     motors = tuple(replace(motor, friction=viscous(motor.friction)) for motor in model.motors)
     return replace(model, elements=elements, motors=motors)
 
 
-def _margins(loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray], hz: np.ndarray) -> np.ndarray:
+def _margins(
+    loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray], hz: np.ndarray
+) -> np.ndarray:
     """``mu`` at the frequencies ``hz``, at one pose."""
     m, T, n_a = loop.model, loop.sample_s, equations.model.n_a
     n = len(m.A) // 2
@@ -178,7 +195,9 @@ def _margins(loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndar
     U, sizes, _ = np.linalg.svd(J, full_matrices=False)
     U = U[:, sizes > STILL * sizes[0]]
     if not U.size:
-        raise ArgumentError("run: given a robot whose tool no joint moves, expected a [tool] on a link that moves")
+        raise ArgumentError(
+            "run: given a robot whose tool no joint moves, expected a [tool] on a link that moves"
+        )
     _check_signals(loop, equations, point)
     out, k = np.zeros((U.shape[1], 2 * n)), U.shape[1]
     out[:, n : n + n_a] = U.T @ J
@@ -203,7 +222,8 @@ def _margins(loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndar
         for i, own in enumerate(free):
             Q[i * k : (i + 1) * k, i * k : (i + 1) * k] += own
         fewer = slice(ALIASES // 2 * k, 3 * ALIASES // 2 * k)
-        found.append(2 * _least(Q) - _least(Q[fewer, fewer]))  # (its error falls with the number of frequencies)
+        # (its error falls with the number of frequencies)
+        found.append(2 * _least(Q) - _least(Q[fewer, fewer]))
     return np.array(found)
 
 
@@ -223,13 +243,19 @@ def _check_signals(loop: LoopAtPose, equations: Equations, point: Mapping[str, n
     signals, lag, f = sensor_signals(pushed), pushed.lagrangian, pushed.force
     assert f is not None
     motion = [lag.chain.q_a, lag.chain.v_a, lag.a_a]
-    function = ca.Function("at_once", [*motion, f], [ca.densify(ca.jacobian(signals, x)) for x in (lag.a_a, f)])
-    of_a, of_f = (np.array(x) for x in function(*(point[name] for name in ("q_a", "v_a", "a_a")), np.zeros(6)))
+    function = ca.Function(
+        "at_once", [*motion, f], [ca.densify(ca.jacobian(signals, x)) for x in (lag.a_a, f)]
+    )
+    of_a, of_f = (
+        np.array(x) for x in function(*(point[name] for name in ("q_a", "v_a", "a_a")), np.zeros(6))
+    )
     n, n_m = len(loop.model.A) // 2, model.n_m
     by_a = of_a @ loop.model.push[n : n + model.n_a]
     jump = np.abs(by_a + of_f[:, :3]).max(axis=1)
     size = np.abs(by_a).max(axis=1) + np.abs(of_f[:, :3]).max(axis=1)
-    used = np.abs(np.vstack([loop.controller.matrices[1][0], loop.controller.matrices[3][0]])).max(axis=0)
+    used = np.abs(np.vstack([loop.controller.matrices[1][0], loop.controller.matrices[3][0]])).max(
+        axis=0
+    )
     m = loop.model
     rates = np.abs(m.C) @ np.abs(m.push)
     for k, (sensor, name) in enumerate(channels, n_m):
@@ -239,7 +265,9 @@ def _check_signals(loop: LoopAtPose, equations: Equations, point: Mapping[str, n
         if jump[k - n_m] > AT_ONCE * size[k - n_m]:
             reason = "which a force on the tool changes at once"
         elif (np.abs(m.C[k] @ m.push) > AT_ONCE * rates[k]).any():
-            reason = "which a force on the tool changes as fast as a speed: sampled, it is never passive"
+            reason = (
+                "which a force on the tool changes as fast as a speed: sampled, it is never passive"
+            )
         elif sensor.delay_s > 0.0:
             reason = f"which has a delay of {sensor.delay_s:g} s"
         if reason:

@@ -18,7 +18,12 @@ Feedback = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def pose_eigenvalue(
-    pose: PoseModel, of_angles: np.ndarray, of_speeds: np.ndarray, sample_s: float, delay_s: float, differences: bool
+    pose: PoseModel,
+    of_angles: np.ndarray,
+    of_speeds: np.ndarray,
+    sample_s: float,
+    delay_s: float,
+    differences: bool,
 ) -> float:
     """Largest size of an eigenvalue of the sampled loop with ``u = -(of_angles y + of_speeds y')``.
 
@@ -51,14 +56,20 @@ def check_pose_loop(motion: LawMotion, feedback: Feedback, given: str) -> None:
         Which parameter was given, for the message.
     """
     reference, model = motion.reference, motion.model
-    rows = np.vstack([np.eye(model.n_a, model.dof), motor_rows(model)])  # (q_a, q_m) from the model's coordinates
+    # (q_a, q_m) from the model's coordinates
+    rows = np.vstack([np.eye(model.n_a, model.dof), motor_rows(model)])
     poses, found = PoseModels(model), []
     for instant in np.linspace(reference.begin, reference.end, POSES):
         k = int(np.abs(reference.time - instant).argmin())
         points = reference.points(np.array([k]))
         of_angles, of_speeds = (gain @ rows for gain in feedback(points[0][0]))
         size = pose_eigenvalue(
-            poses.at(points), of_angles, of_speeds, motion.sample_s, motion.delay_s, not motion.exact_state
+            poses.at(points),
+            of_angles,
+            of_speeds,
+            motion.sample_s,
+            motion.delay_s,
+            not motion.exact_state,
         )
         found.append((size if np.isfinite(size) else np.inf, instant - reference.begin))
     size, instant = max(found)

@@ -64,12 +64,18 @@ class LQ(ModelLaw):
         """The controller for a planned motion; SolverError where a pose has no gain."""
         model, n_a, n_m = motion.model, motion.model.n_a, motion.model.n_m
         if model.dof != n_a + n_m:
-            raise ArgumentError(f"controller LQ: given the model {model.name} with rigid gears, expected elastic ones")
+            raise ArgumentError(
+                f"controller LQ: given the model {model.name} with rigid gears, expected elastic ones"
+            )
         links = motion.link_channels("LQ")
         samples = -(-len(motion.reference.time) // PARTS)
         points = motion.reference.parts(samples)
         poses = PoseModels(model)
-        n_y = n_m + sum(len(s.channels) for s in model.sensors) + (2 * (n_a + n_m) if motion.exact_state else 0)
+        n_y = (
+            n_m
+            + sum(len(s.channels) for s in model.sensors)
+            + (2 * (n_a + n_m) if motion.exact_state else 0)
+        )
         matrices = []
         for k in range(len(points[0])):
             check_time("gains of the controller")
@@ -105,7 +111,10 @@ class LQ(ModelLaw):
         n_last = last.shape[1]
         C = np.hstack([last, -of_torques])
         D = of_angles @ angles + of_speeds @ speeds
-        A, B = np.zeros((n_last + under_way, n_last + under_way)), np.zeros((n_last + under_way, n_y))
+        A, B = (
+            np.zeros((n_last + under_way, n_last + under_way)),
+            np.zeros((n_last + under_way, n_y)),
+        )
         B[:n_last] = angles if n_last else np.zeros((0, n_y))
         if under_way:
             for k in range(under_way // n_m - 1):

@@ -72,7 +72,9 @@ class Setting:
     exact: bool
 
     def __str__(self) -> str:
-        late = f"{self.delay_s / self.sample_s:g} sample{'s' if self.delay_s > self.sample_s else ''}"
+        late = (
+            f"{self.delay_s / self.sample_s:g} sample{'s' if self.delay_s > self.sample_s else ''}"
+        )
         return f"{1e3 * self.sample_s:g} ms, {late if self.delay_s else 'no delay'}"
 
 
@@ -112,7 +114,11 @@ class Trial:
     @property
     def worst_m(self) -> float:
         """Largest error of all robots [m]; infinite where one failed."""
-        return float(max(self.error_m)) if self.error_m and np.isfinite(self.error_m).all() else float("inf")
+        return (
+            float(max(self.error_m))
+            if self.error_m and np.isfinite(self.error_m).all()
+            else float("inf")
+        )
 
 
 @checked_result
@@ -181,7 +187,10 @@ class FeedbackStudy(Result):
             chosen = [s for s in self.settings if s.exact == exact]
             if not chosen:
                 continue
-            lines += ["| " + " | ".join((title, *FAMILIES)) + " |", "|" + "---|" * (len(FAMILIES) + 1)]
+            lines += [
+                "| " + " | ".join((title, *FAMILIES)) + " |",
+                "|" + "---|" * (len(FAMILIES) + 1),
+            ]
             for setting in chosen:
                 cells = [self._cell(setting, family) for family in FAMILIES]
                 lines.append("| " + " | ".join((str(setting), *cells)) + " |")
@@ -281,7 +290,9 @@ def feedback_study(
     refuse_hysteresis(robot, "feedback study")
     refuse_harmonics(robot, "feedback study")
     if unit_of(robot) != "m":
-        raise ArgumentError(f"feedback_study: given the model {robot.name} whose output is an angle, expected lengths")
+        raise ArgumentError(
+            f"feedback_study: given the model {robot.name} whose output is an angle, expected lengths"
+        )
     reason = flexible_joint_obstacle(robot)
     if reason is not None:
         raise ArgumentError(f"feedback_study: {reason}")
@@ -301,7 +312,9 @@ def feedback_study(
             tell(f"{setting}: {family}")
             trials += [_trial(case, setting, family, *law) for law in _laws(case, family, tunings)]
     assert case is not None
-    return FeedbackStudy(robot, solution, case.plants.names, tuple(settings), tuple(trials), torque_noise)
+    return FeedbackStudy(
+        robot, solution, case.plants.names, tuple(settings), tuple(trials), torque_noise
+    )
 
 
 def _case(robot: RobotModel, setting: Setting, solution: Solution) -> Case:
@@ -320,7 +333,9 @@ def _laws(case: Case, family: str, tunings: int) -> list[tuple[str, Any]]:
         return [(f"rho {rho:.1e}", LQ(rho)) for rho in np.logspace(1, -9, 2 * tunings)]
     if family in (PD, PID):
         part = 0.0 if family == PD else 0.125
-        return [(f"{f:.0f} Hz", _motor_feedback(case, f, part)) for f in np.geomspace(3, 64, tunings)]
+        return [
+            (f"{f:.0f} Hz", _motor_feedback(case, f, part)) for f in np.geomspace(3, 64, tunings)
+        ]
     predict = family == PREDICTED
     return [
         (f"{form}, {f:.1f} Hz", FeedbackLinearisation(f, form, predict))
@@ -346,5 +361,14 @@ def _trial(case: Case, setting: Setting, family: str, tuning: str, law: Any) -> 
     figures = [run.figures(r) for r in run.runs]
     at_rest = (case.reference.time > -REST_S) & (case.reference.time < case.reference.begin)
     noise = float(np.ptp(run.nominal.tau_m[at_rest], axis=0).max())
-    errors = tuple(tuple(float(row[key]) for row in figures) for key in ("error_max_m", "dynamic_error_max_m"))
-    return Trial(setting, family, tuning, errors[0], errors[1], noise if not run.nominal.failure else float("nan"))
+    errors = tuple(
+        tuple(float(row[key]) for row in figures) for key in ("error_max_m", "dynamic_error_max_m")
+    )
+    return Trial(
+        setting,
+        family,
+        tuning,
+        errors[0],
+        errors[1],
+        noise if not run.nominal.failure else float("nan"),
+    )

@@ -32,7 +32,9 @@ def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.
     BuildError
         There is no compiler, or it fails.
     """
-    return load_module(compile_module(source.stem, source.read_text(encoding="ascii"), level=option, native=native))
+    return load_module(
+        compile_module(source.stem, source.read_text(encoding="ascii"), level=option, native=native)
+    )
 
 
 def load_module(path: Path) -> ctypes.CDLL:
@@ -48,7 +50,12 @@ def module_copy(path: Path) -> Iterator[str]:
 
 
 def compile_module(
-    name: str, text: str, *, level: str = "", native: bool = False, before: Callable[[], None] | None = None
+    name: str,
+    text: str,
+    *,
+    level: str = "",
+    native: bool = False,
+    before: Callable[[], None] | None = None,
 ) -> Path:
     """The path of the shared library of a C text: in the user's cache, or in a folder of this program.
 

@@ -11,7 +11,9 @@ from flexgen.library.c_module import compile_module, module_copy
 
 FAST = 30_000  # operations: above it the compiler takes too long to optimize
 LONG = 5_000  # operations: above it the compiler takes a second or more
-_EXPORTED = '#ifdef __GNUC__\n#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n#endif\n'
+_EXPORTED = (
+    '#ifdef __GNUC__\n#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n#endif\n'
+)
 
 
 def casadi_module(function: ca.Function, before: Callable[[str], None] | None = None) -> Path:
@@ -38,7 +40,9 @@ def casadi_module(function: ca.Function, before: Callable[[str], None] | None = 
             before(f"compiling {size} operations")
 
     level = "-O1" if size < FAST else "-O0"
-    return compile_module(function.name(), _EXPORTED + generator.dump(), level=level, before=announce)
+    return compile_module(
+        function.name(), _EXPORTED + generator.dump(), level=level, before=announce
+    )
 
 
 def in_c(function: ca.Function) -> ca.Function:

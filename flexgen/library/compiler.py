@@ -35,7 +35,14 @@ NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-e
 # Solvers with unrolled loops take a tenth less time: as little as with -O3, which takes half as long again to compile.
 SOLVERS, SOLVER_FLAGS = ("inversion.c",), ("-funroll-loops",)
 # Without these passes of GCC the hand-written sources compile in a quarter less time, and are as fast.
-QUICK_FLAGS = ("-fira-region=one", "-fno-dse", "-fno-gcse", "-fno-tree-pre", "-fno-rename-registers", "-fno-web")
+QUICK_FLAGS = (
+    "-fira-region=one",
+    "-fno-dse",
+    "-fno-gcse",
+    "-fno-tree-pre",
+    "-fno-rename-registers",
+    "-fno-web",
+)
 # The emitted mathematics is straight-line code in good order: what GCC does beyond this level takes a third of the time
 # of the compilation and makes nothing faster (other compilers inline less at it).
 STRAIGHT_FLAGS = ("-O1", "-fschedule-insns2")
@@ -65,7 +72,9 @@ NO_COMPILER = (
 
 _COMPILERS = ("cc", "gcc", "clang")
 _ARCHIVERS = ("ar", "gcc-ar", "llvm-ar")
-_ALLOWED_FLAG = re.compile(r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z")
+_ALLOWED_FLAG = re.compile(
+    r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z"
+)
 # All that the sources include: the compiler's macros, which depend on its version and target, and these headers.
 _OUTSIDE = (
     "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n"
@@ -74,7 +83,8 @@ _OUTSIDE = (
 
 
 _WORLD = ("DBL_EPSILON", "size_t")  # words of the preprocessed text of _OUTSIDE
-_LIKE_GCC = ("__clang__", "__INTEL_COMPILER", "__NVCOMPILER")  # macros of compilers that also define GCC's
+# macros of compilers that also define GCC's
+_LIKE_GCC = ("__clang__", "__INTEL_COMPILER", "__NVCOMPILER")
 _DEFINED = re.compile(r"^#define (__\w+__) 1$", re.MULTILINE)
 
 
@@ -131,7 +141,11 @@ class Compiler:
         install_name : str
             Of a library for macOS, by which programs that were linked with it look for it below their ``@rpath``.
         """
-        named = [f"-Wl,-install_name,@rpath/{install_name}"] if install_name and self.suffix == "dylib" else []
+        named = (
+            [f"-Wl,-install_name,@rpath/{install_name}"]
+            if install_name and self.suffix == "dylib"
+            else []
+        )
         # without tables for a debugger, which the package ziglang adds and which have names of folders
         stripped = ["-s"] if self.target is not None else []
         return [*self.command, *self.flags, *stripped, "-shared", *named, *words, "-lm"]
@@ -177,24 +191,37 @@ def _find_compiler(
         return None
     program = tuple(word for word in chosen if not word.startswith("-"))
     own = [word for word in chosen if word.startswith("-")]
-    flags = [*(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp, *own]  # the last has priority
+    # the last has priority
+    flags = [*(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp, *own]
     flags += [] if other is None else ["-target", TARGETS[other].triple]
     packaged = chosen == _packaged_compiler()
-    march = f"-march={isa.replace('-', '_') if packaged else isa}"  # in Zig "-" takes a feature away
-    decided = native or any(word.startswith("-m") for word in own) or (other is not None and isa == "native")
+    # in Zig "-" takes a feature away
+    march = f"-march={isa.replace('-', '_') if packaged else isa}"
+    decided = (
+        native
+        or any(word.startswith("-m") for word in own)
+        or (other is not None and isa == "native")
+    )
     target = [] if decided else [march]
     try:
         version = _output([*chosen, "--version"], "").stdout.strip().partition("\n")[0]
         world = _output([*program, *flags, *target, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
-        if world.returncode != 0 and isa == "native":  # a compiler for another processor: its own default
+        # a compiler for another processor: its own default
+        if world.returncode != 0 and isa == "native":
             target = []
             world = _output([*program, *flags, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
         flags += target
     except OSError as error:
-        raise BuildError(f"C compiler: given {chosen[0]!r}, which cannot be run ({error.strerror})") from None
+        raise BuildError(
+            f"C compiler: given {chosen[0]!r}, which cannot be run ({error.strerror})"
+        ) from None
     if world.returncode != 0:
         message = _errors(world)
-        hint = "; it has no OpenMP: leave openmp (--openmp) out, or install it (libomp)" if openmp else ""
+        hint = (
+            "; it has no OpenMP: leave openmp (--openmp) out, or install it (libomp)"
+            if openmp
+            else ""
+        )
         raise BuildError(
             f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n  {message}{hint}"
         )
@@ -209,10 +236,23 @@ def _find_compiler(
     functions = (*straight, *LEAN_FLAGS) if straight else ()
     others = QUICK_FLAGS if gcc else ()
     solvers = (*SOLVER_FLAGS, *others)
-    identity = hashlib.sha256("\0".join((version, *flags, *solvers, *functions, world.stdout)).encode()).hexdigest()
-    used = tuple(INSTRUCTION_SETS[word] for word in _DEFINED.findall(world.stdout) if word in INSTRUCTION_SETS)
+    identity = hashlib.sha256(
+        "\0".join((version, *flags, *solvers, *functions, world.stdout)).encode()
+    ).hexdigest()
+    used = tuple(
+        INSTRUCTION_SETS[word]
+        for word in _DEFINED.findall(world.stdout)
+        if word in INSTRUCTION_SETS
+    )
     archiver = (program[0], "ar") if packaged else ()
-    more = (straight, functions, solvers, others, archiver, None if other is None else TARGETS[other])
+    more = (
+        straight,
+        functions,
+        solvers,
+        others,
+        archiver,
+        None if other is None else TARGETS[other],
+    )
     return Compiler(program, version, tuple(flags), identity, used, *more)
 
 
@@ -238,9 +278,13 @@ def check_build(native: bool, openmp: bool, isa: str, target: str | None) -> dic
         raise ArgumentError(f"target: given {target!r}, expected one of {', '.join(TARGETS)}")
     for name, given in (("native", native), ("openmp", openmp)):
         if given:
-            raise ArgumentError(f"{name}: given with target {target!r}, expected it for this computer only")
+            raise ArgumentError(
+                f"{name}: given with target {target!r}, expected it for this computer only"
+            )
     if isa != "native" and TARGETS[target].machine != "x86_64":
-        raise ArgumentError(f"isa: given {isa!r} with target {target!r}, expected a target with x86_64")
+        raise ArgumentError(
+            f"isa: given {isa!r} with target {target!r}, expected a target with x86_64"
+        )
     return options
 
 
@@ -251,15 +295,21 @@ def _choose_command() -> list[str] | None:
         # on Windows "\\" is part of a path, and quotation marks stay
         chosen = [word.strip('"') for word in shlex.split(given, posix=os.name == "posix")]
     except ValueError as error:
-        raise BuildError(f"$CC: given {given!r}, expected a command ({str(error).lower()})") from None
+        raise BuildError(
+            f"$CC: given {given!r}, expected a command ({str(error).lower()})"
+        ) from None
     if not chosen:
         found = next((name for name in _COMPILERS if shutil.which(name)), None)
         return _packaged_compiler() if found is None else [found]
     for word in chosen:
         if word.startswith("-") and not _ALLOWED_FLAG.match(word):
-            raise BuildError(f"$CC: given the flag {word!r}, expected optimization, -m32, -m64 or -march=... only")
+            raise BuildError(
+                f"$CC: given the flag {word!r}, expected optimization, -m32, -m64 or -march=... only"
+            )
         if not word.startswith("-") and shutil.which(word) is None:
-            raise BuildError(f"$CC: given {word!r}, expected a program that can be found; unset CC or install it")
+            raise BuildError(
+                f"$CC: given {word!r}, expected a program that can be found; unset CC or install it"
+            )
     return chosen
 
 
@@ -271,7 +321,9 @@ def _packaged_compiler() -> list[str] | None:
     return None if program is None else [program, "cc"]
 
 
-def _output(command: Sequence[str], text: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+def _output(
+    command: Sequence[str], text: str, folder: Path | None = None
+) -> subprocess.CompletedProcess[str]:
     """Run a program on a text; by default in the root, so that its output does not depend on the folder."""
     return subprocess.run(
         list(command),
@@ -296,7 +348,9 @@ def run_compiler(what: str, command: Sequence[str], folder: Path, written: str) 
     """Run a program that writes a file in a folder; BuildError with its first errors where it does not."""
     answer = _output(command, "", folder)
     if answer.returncode != 0:
-        raise BuildError(f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}")
+        raise BuildError(
+            f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}"
+        )
     if not (folder / written).is_file():
         raise BuildError(
             f"the {what} {command[0]!r} reported success but wrote no {written}; the directory is as it was before; "
@@ -337,7 +391,9 @@ def build_libraries(
     """
     archiver = compiler.archiver or tuple(found for found in _ARCHIVERS if shutil.which(found))[:1]
     if not archiver:
-        raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
+        raise BuildError(
+            f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils"
+        )
     if compiler.target is not None:
         log(f"for {compiler.target.name}: the C compiler is that of the package ziglang")
     elif compiler.archiver:
@@ -349,7 +405,9 @@ def build_libraries(
             return [*compiler.solvers]
         return [*(compiler.functions if file in functions else compiler.others)]
 
-    stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers}, flags_of)
+    stored = Objects(
+        compiler.identity, {file: (folder / file).read_bytes() for file in headers}, flags_of
+    )
     with one_at_a_time(stored.folder, name, log):
         _compile(stored, folder, sources, compiler, flags_of, log, fresh=fresh)
     log("linking")
@@ -357,9 +415,17 @@ def build_libraries(
     suffix = compiler.suffix
     linked, static = f"linked.{suffix}", f"lib{name}.a"
     run_compiler(
-        "linker", compiler.link_command("-o", linked, *objects, install_name=f"lib{name}.dylib"), folder, linked
+        "linker",
+        compiler.link_command("-o", linked, *objects, install_name=f"lib{name}.dylib"),
+        folder,
+        linked,
     )
-    run_compiler("archiver", [*archiver, "rcs" if suffix == "dylib" else "rcsD", static, *objects], folder, static)
+    run_compiler(
+        "archiver",
+        [*archiver, "rcs" if suffix == "dylib" else "rcsD", static, *objects],
+        folder,
+        static,
+    )
     digest = hashlib.sha256((folder / linked).read_bytes()).hexdigest()
     library = f"lib{name}-{digest[:16]}.{suffix}"
     (folder / linked).rename(folder / library)
@@ -395,7 +461,15 @@ def _compile(
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
-            words = [*compiler.command, *compiler.flags, *flags_of(file), "-c", file, "-o", _object(file)]
+            words = [
+                *compiler.command,
+                *compiler.flags,
+                *flags_of(file),
+                "-c",
+                file,
+                "-o",
+                _object(file),
+            ]
             jobs[file] = pool.submit(run_compiler, "C compiler", words, folder, _object(file))
         try:
             for file, job in jobs.items():

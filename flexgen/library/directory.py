@@ -20,11 +20,14 @@ from flexgen.atomic_files import remove_leftovers, staging_folder
 from flexgen.errors import BuildError
 
 MANIFEST = "manifest.json"
-OPEN = 0o775  # largest rights of files and folders, whatever the umask: what every user may write is not loaded
+# largest rights of files and folders, whatever the umask: what every user may write is not loaded
+OPEN = 0o775
 SOURCES = "src"  # folder of the private files
 MANIFEST_MAX = 20_000_000  # bytes
 
-_FILE = re.compile(r"(CMakeLists\.txt|(src/)?[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib|dll))\Z")
+_FILE = re.compile(
+    r"(CMakeLists\.txt|(src/)?[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib|dll))\Z"
+)
 _HASHED = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z")
 _MARK = b"written by flexgen"
 _HEAD = 4096  # bytes at the top of a file, in which the mark is
@@ -57,7 +60,9 @@ def read_manifest(directory: Path, name: str) -> dict[str, Any] | None:
     if isinstance(manifest, dict):
         generator, other = manifest.get("generator"), manifest.get("name")
         if not isinstance(generator, str) or not generator.startswith("flexgen "):
-            raise BuildError(f"{path}: given the file of another program, expected none or one of flexgen; {advice}")
+            raise BuildError(
+                f"{path}: given the file of another program, expected none or one of flexgen; {advice}"
+            )
         if other != name:
             raise BuildError(
                 f"{directory}: given a folder with the library {str(other)[:80]!r}, expected an empty one or one of "
@@ -65,18 +70,30 @@ def read_manifest(directory: Path, name: str) -> dict[str, Any] | None:
             )
         return manifest if _is_complete(manifest) else None
     if not _is_marked(directory / f"{name}.h", name):
-        raise BuildError(f"{path}: given a file that flexgen did not write, expected none; {advice}")
+        raise BuildError(
+            f"{path}: given a file that flexgen did not write, expected none; {advice}"
+        )
     return None
 
 
 def _is_complete(manifest: dict[str, Any]) -> bool:
     """Whether what `generate` reads of a manifest has the right types."""
-    files, functions, build = manifest.get("files"), manifest.get("functions"), manifest.get("build")
-    if not (isinstance(files, dict) and all(isinstance(sha, str) and _FILE.match(key) for key, sha in files.items())):
+    files, functions, build = (
+        manifest.get("files"),
+        manifest.get("functions"),
+        manifest.get("build"),
+    )
+    if not (
+        isinstance(files, dict)
+        and all(isinstance(sha, str) and _FILE.match(key) for key, sha in files.items())
+    ):
         return False
     if not (isinstance(functions, list) and isinstance(manifest.get("digest"), str)):
         return False
-    if not all(isinstance(function, dict) and isinstance(function.get("name"), str) for function in functions):
+    if not all(
+        isinstance(function, dict) and isinstance(function.get("name"), str)
+        for function in functions
+    ):
         return False
     if build is None:
         return "build" in manifest
@@ -86,18 +103,27 @@ def _is_complete(manifest: dict[str, Any]) -> bool:
 
 def libraries(manifest: Mapping[str, Any] | None) -> list[str]:
     """Names of the compiled files of a manifest."""
-    return [manifest["build"]["library"], manifest["build"]["static"]] if manifest and manifest["build"] else []
+    return (
+        [manifest["build"]["library"], manifest["build"]["static"]]
+        if manifest and manifest["build"]
+        else []
+    )
 
 
 def is_unchanged(directory: Path, files: Mapping[str, str]) -> bool:
     """True where every file is there with its SHA-256."""
     try:
-        return all(_FILE.match(file) and _sha256(directory / file) == digest for file, digest in files.items())
+        return all(
+            _FILE.match(file) and _sha256(directory / file) == digest
+            for file, digest in files.items()
+        )
     except OSError:
         return False
 
 
-def check_owned(directory: Path, name: str, texts: Mapping[str, str], old: Mapping[str, Any] | None) -> None:
+def check_owned(
+    directory: Path, name: str, texts: Mapping[str, str], old: Mapping[str, Any] | None
+) -> None:
     """Refuse to replace files that flexgen did not write.
 
     Parameters
@@ -116,11 +142,16 @@ def check_owned(directory: Path, name: str, texts: Mapping[str, str], old: Mappi
         With the names of the files.
     """
     listed = {*(old or {}).get("files", ()), *libraries(old)}
-    lost = old is None and _is_marked(directory / f"{name}.h", name)  # the manifest was removed, the library not
+    # the manifest was removed, the library not
+    lost = old is None and _is_marked(directory / f"{name}.h", name)
     foreign = []
     for file, text in texts.items():
         path = directory / file
-        own = file in listed or (lost and file.startswith((name, f"{SOURCES}/"))) or not os.path.lexists(path)
+        own = (
+            file in listed
+            or (lost and file.startswith((name, f"{SOURCES}/")))
+            or not os.path.lexists(path)
+        )
         if not own and not _is_marked(path, name) and not _has_bytes(path, text.encode("ascii")):
             foreign.append(file)
     static = directory / f"lib{name}.a"
@@ -182,11 +213,19 @@ def staging(target: Path) -> Iterator[Path]:
             target.rmdir()
 
 
-def install(staged: Path, target: Path, manifest: dict[str, Any], old: Mapping[str, Any] | None) -> None:
+def install(
+    staged: Path, target: Path, manifest: dict[str, Any], old: Mapping[str, Any] | None
+) -> None:
     """Move everything into place, the manifest last, then remove files of the last generation that are not needed."""
-    (staged / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n")
+    (staged / MANIFEST).write_text(
+        json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n"
+    )
     built = libraries(manifest)
-    for file in [*manifest["files"], *(file for file in built if (staged / file).exists()), MANIFEST]:
+    for file in [
+        *manifest["files"],
+        *(file for file in built if (staged / file).exists()),
+        MANIFEST,
+    ]:
         (target / file).parent.mkdir(mode=OPEN, exist_ok=True)
         (staged / file).chmod((staged / file).stat().st_mode & OPEN)
         os.replace(staged / file, target / file)
@@ -198,14 +237,23 @@ def install(staged: Path, target: Path, manifest: dict[str, Any], old: Mapping[s
 
 
 def _list_files(target: Path, old: Mapping[str, Any] | None) -> Iterable[Path]:
-    return [target / file for file in (*(old or {}).get("files", ()), *libraries(old)) if _FILE.match(file)]
+    return [
+        target / file
+        for file in (*(old or {}).get("files", ()), *libraries(old))
+        if _FILE.match(file)
+    ]
 
 
 def _stale_libraries(target: Path, name: str) -> Iterator[Path]:
     """Compiled files of earlier generations: shared libraries named by their own hash, and the static one."""
     for path in target.glob(f"lib{name}-*"):
         found = _HASHED.match(path.name)
-        if found and found["name"] == name and path.is_file() and _sha256(path)[:16] == found["hash"]:
+        if (
+            found
+            and found["name"] == name
+            and path.is_file()
+            and _sha256(path)[:16] == found["hash"]
+        ):
             yield path
     yield target / f"lib{name}.a"  # its ownership was checked before
 

@@ -23,11 +23,25 @@ from flexgen.codegen.c_functions import check_parts
 from flexgen.codegen.clib_types import signature_of
 from flexgen.codegen.digest import model_digest
 from flexgen.codegen.interface import ABI_VERSION, LIMITS, PARTS, STATUSES
-from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, choose_functions, library_name, library_spec
+from flexgen.codegen.spec import (
+    PRECISIONS,
+    LibrarySpec,
+    PrecisionName,
+    choose_functions,
+    library_name,
+    library_spec,
+)
 from flexgen.deprecation import renamed
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.library.compiler import NO_COMPILER, Compiler, IsaName, build_libraries, check_build, find_compiler
+from flexgen.library.compiler import (
+    NO_COMPILER,
+    Compiler,
+    IsaName,
+    build_libraries,
+    check_build,
+    find_compiler,
+)
 from flexgen.library.directory import (
     MANIFEST,
     check_owned,
@@ -178,7 +192,16 @@ def generate(
     check_parts(parts, robot, names, precision)
     folder = _folder(Path("generated", library_name(robot)) if directory is None else directory)
     request = _Request(
-        robot, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force, parts
+        robot,
+        equations,
+        names,
+        precision,
+        tuple(parameters),
+        bool(amalgamate),
+        bool(per_point),
+        options,
+        force,
+        parts,
     )
     return _generate_folder(request, folder, build, log, start)
 
@@ -211,7 +234,17 @@ def generate_parts(
     names = choose_functions(functions, model)
     parts = tuple(part for part in PARTS if part in solvers)
     request = _Request(
-        model, None, names, "double", tuple(parameters), False, per_point, options, False, parts, solvers
+        model,
+        None,
+        names,
+        "double",
+        tuple(parameters),
+        False,
+        per_point,
+        options,
+        False,
+        parts,
+        solvers,
     )
     return _generate_folder(request, directory, True, progress, time.perf_counter())
 
@@ -247,7 +280,12 @@ def _generate_folder(
     digest = _content_digest(request)
     compiler = find_compiler(**options) if build else None
     old = read_manifest(target, name)
-    known = not request.force and old is not None and old.get("digest") == digest and _intact(target, old)
+    known = (
+        not request.force
+        and old is not None
+        and old.get("digest") == digest
+        and _intact(target, old)
+    )
     if known and old is not None and (not build or _built(target, old, options, compiler)):
         return _result(target, old, start, cached=True, written=False)
     if build and compiler is None:
@@ -255,22 +293,36 @@ def _generate_folder(
             f"{NO_COMPILER}, or write the sources only: build=False in Python, --no-build on the command line"
         )
     if known and old is not None:
-        manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
+        manifest, texts = (
+            dict(old),
+            {file: (target / file).read_text(encoding="ascii") for file in old["files"]},
+        )
     else:
         manifest, texts = _write_sources(request, digest, log)
     public = [file for file in texts if file.endswith(".h") and "/" not in file]
     texts |= packaging(name, _sources(texts), public, openmp=options["openmp"])
-    manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
+    manifest["files"] = {
+        file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()
+    }
     manifest["build"] = None
-    if not request.force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
-        manifest["build"] = old["build"] if not build or _built(target, old, options, compiler) else None
+    if (
+        not request.force
+        and old is not None
+        and old["files"] == manifest["files"]
+        and _intact(target, old)
+    ):
+        manifest["build"] = (
+            old["build"] if not build or _built(target, old, options, compiler) else None
+        )
     check_owned(target, name, texts, old)
     compiled = manifest["build"] is None and compiler is not None
     with staging(target) as folder:
         _write(folder, texts)
         if compiled and compiler is not None:
             headers = [file for file in texts if file.endswith(".h")]
-            built = build_libraries(folder, name, _sources(texts), headers, compiler, log, fresh=request.force)
+            built = build_libraries(
+                folder, name, _sources(texts), headers, compiler, log, fresh=request.force
+            )
             manifest["build"] = options | built
         install(folder, target, manifest, old)
     return _result(target, manifest, start, cached=not compiled, written=True)
@@ -279,10 +331,14 @@ def _generate_folder(
 def _check_choices(precision: str, parameters: Sequence[str], equations: Any) -> None:
     """ArgumentError for a choice that is not offered."""
     if precision not in PRECISIONS:
-        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
+        raise ArgumentError(
+            f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}"
+        )
     _names("parameters", parameters)
     if parameters and equations is not None:
-        raise ArgumentError("parameters: given together with equations, expected them in derive(model, parameters)")
+        raise ArgumentError(
+            "parameters: given together with equations, expected them in derive(model, parameters)"
+        )
 
 
 def _names(argument: str, given: Any) -> list[Any]:
@@ -305,7 +361,9 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
         (folder / file).write_text(text, encoding="ascii", newline="\n")
 
 
-def _write_sources(request: _Request, digest: str, log: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, str]]:
+def _write_sources(
+    request: _Request, digest: str, log: Callable[[str], None]
+) -> tuple[dict[str, Any], dict[str, str]]:
     """The manifest and the sources, derived where no equations are given."""
     name, equations = library_name(request.model), request.equations
     if equations is None:
@@ -317,7 +375,11 @@ def _write_sources(request: _Request, digest: str, log: Callable[[str], None]) -
     from flexgen.codegen.emit import emit, function_texts, inversion_header
 
     spec = offered = library_spec(
-        equations, request.names, precision=request.precision, per_point=request.per_point, parts=request.parts
+        equations,
+        request.names,
+        precision=request.precision,
+        per_point=request.per_point,
+        parts=request.parts,
     )
     if request.solvers is not None:
         wanted = {f"{solver}.c" for solver in request.solvers}
@@ -339,16 +401,24 @@ def _resolve(given: Any) -> tuple[RobotModel, Any]:
     """The model, and the equations where they were given."""
     if isinstance(given, str | os.PathLike):
         given = read(given if isinstance(given, str) else Path(given))
-    derived = isinstance(getattr(given, "model", None), RobotModel) and callable(getattr(given, "function", None))
+    derived = isinstance(getattr(given, "model", None), RobotModel) and callable(
+        getattr(given, "function", None)
+    )
     if not derived and not isinstance(given, RobotModel):
-        raise ArgumentError(f"model: given {type(given).__name__}, expected a name or path, a RobotModel or Equations")
+        raise ArgumentError(
+            f"model: given {type(given).__name__}, expected a name or path, a RobotModel or Equations"
+        )
     robot = given.model if derived else given
     return robot, given if derived else None
 
 
 def _folder(given: Any) -> Path:
     """The directory to write to."""
-    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str) or "\0" in os.fspath(given):
+    if (
+        not isinstance(given, str | os.PathLike)
+        or not isinstance(os.fspath(given), str)
+        or "\0" in os.fspath(given)
+    ):
         raise ArgumentError(f"directory: given {given!r}, expected the path of a folder")
     return Path(given)
 
@@ -363,16 +433,45 @@ def _content_digest(request: _Request) -> str:
     decides whether there is something to compile.
     """
     own = request.equations is not None
-    choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate, request.per_point]
+    choices = [
+        request.names,
+        request.precision,
+        list(request.parameters),
+        own,
+        request.amalgamate,
+        request.per_point,
+    ]
     choices += [list(request.parts), *([] if request.solvers is None else [list(request.solvers)])]
     root = Path(__file__).resolve().parent.parent
-    alone = ("spec/ports.py", "runtime/identity.py", "model/elements.py", "model/friction.py", "spec/parts.py")
+    alone = (
+        "spec/ports.py",
+        "runtime/identity.py",
+        "model/elements.py",
+        "model/friction.py",
+        "spec/parts.py",
+    )
     sources = [*(root / path for path in alone), *added_sources(request.model)]
-    for folder in ("analysis", "codegen", "expressions", "library", "mechanics", "numerics", "recursion"):
+    for folder in (
+        "analysis",
+        "codegen",
+        "expressions",
+        "library",
+        "mechanics",
+        "numerics",
+        "recursion",
+    ):
         sources += sorted(path for path in (root / folder).iterdir() if path.suffix == ".py")
     sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
     code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-    parts = [FORMAT, ABI_VERSION, model_digest(request.model), __version__, _casadi_version(), code, *choices]
+    parts = [
+        FORMAT,
+        ABI_VERSION,
+        model_digest(request.model),
+        __version__,
+        _casadi_version(),
+        code,
+        *choices,
+    ]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
@@ -397,7 +496,8 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
         "precision": spec.precision,
         "sizes": spec.sizes,
         "coordinates": [
-            {"name": name, "unit": unit} for name, unit in zip(spec.coordinates, spec.coordinate_units, strict=True)
+            {"name": name, "unit": unit}
+            for name, unit in zip(spec.coordinates, spec.coordinate_units, strict=True)
         ],
         "motors": list(spec.motors),
         "states": list(spec.states),
@@ -416,7 +516,11 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
             for f in spec.functions
         ],
         "structs": [
-            {"name": struct.name, "signature": signature_of(struct), "fields": [asdict(f) for f in struct.fields]}
+            {
+                "name": struct.name,
+                "signature": signature_of(struct),
+                "fields": [asdict(f) for f in struct.fields],
+            }
             for struct in spec.structs
         ],
         "enums": {enum.name: enum.names for enum in spec.enums},
@@ -432,14 +536,18 @@ def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
     return is_unchanged(directory, manifest["files"])
 
 
-def _built(directory: Path, manifest: dict[str, Any], options: dict[str, Any], compiler: Compiler | None) -> bool:
+def _built(
+    directory: Path, manifest: dict[str, Any], options: dict[str, Any], compiler: Compiler | None
+) -> bool:
     """True where the libraries are there as recorded and as this compiler makes them."""
     built: Any = manifest.get("build")
     try:
         made_so = {key: built[key] for key in options} == options
         if not made_so or (compiler is not None and built["identity"] != compiler.identity):
             return False
-        return is_unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
+        return is_unchanged(
+            directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]}
+        )
     except (KeyError, TypeError):
         return False
 
@@ -449,7 +557,9 @@ def _result(
 ) -> GeneratedLibrary:
     return GeneratedLibrary(
         directory=directory,
-        files=tuple(directory / file for file in (*manifest["files"], MANIFEST, *libraries(manifest))),
+        files=tuple(
+            directory / file for file in (*manifest["files"], MANIFEST, *libraries(manifest))
+        ),
         functions=tuple(f["name"] for f in manifest["functions"]),
         digest=manifest["digest"],
         seconds=time.perf_counter() - start,

@@ -15,7 +15,8 @@ from flexgen.library.c_module import compile_module
 
 _NAME = "module"  # in the names of the kernel
 _PORTS = ("given_{}", "found_{}")  # of arguments and results, by their numbers
-_FLAGS = "-O1"  # straight-line code in good order: a six-axis arm is 6 % faster with -O2, measured once
+# straight-line code in good order: a six-axis arm is 6 % faster with -O2, measured once
+_FLAGS = "-O1"
 
 
 def lanes_module(name: str, functions: Mapping[str, ca.Function], body: str) -> Path:
@@ -45,10 +46,20 @@ def lanes_module(name: str, functions: Mapping[str, ca.Function], body: str) -> 
 def lanes_text(functions: Mapping[str, ca.Function], body: str) -> str:
     """The C text that `lanes_module` compiles."""
     written = {key: _write(key.lower(), function) for key, function in functions.items()}
-    parts = ['#include "module_private.h"\n#include "module_lanes.h"\n', *(text.text for text in written.values())]
-    parts += ['#include "module_undefine.h"\n', *(_macros(key, functions[key], written[key]) for key in written)]
+    parts = [
+        '#include "module_private.h"\n#include "module_lanes.h"\n',
+        *(text.text for text in written.values()),
+    ]
+    parts += [
+        '#include "module_undefine.h"\n',
+        *(_macros(key, functions[key], written[key]) for key in written),
+    ]
     files = kernel_files(_NAME, "double")
-    files |= {"module.h": f"typedef double {_NAME}_real;\n", "module_batch.h": "", "body.c": "\n".join([*parts, body])}
+    files |= {
+        "module.h": f"typedef double {_NAME}_real;\n",
+        "module_batch.h": "",
+        "body.c": "\n".join([*parts, body]),
+    }
     return merge_text("body.c", files)
 
 
@@ -57,7 +68,8 @@ def _write(prefix: str, function: ca.Function) -> FunctionText:
     arguments = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in())]
     results = [ca.densify(result) for result in function.call(arguments)]
     given, found = (
-        [port.format(k) for k in range(n)] for port, n in zip(_PORTS, (function.n_in(), function.n_out()), strict=True)
+        [port.format(k) for k in range(n)]
+        for port, n in zip(_PORTS, (function.n_in(), function.n_out()), strict=True)
     )
     named = ca.Function(prefix, arguments, results, given, found)
     inputs = {port: function.size1_in(k) for k, port in enumerate(given)}

@@ -77,7 +77,9 @@ class _What:
     native: bool
     per_point: bool = False
 
-    def generate(self, model: RobotModel, folder: Path, progress: Callable[[str], None]) -> GeneratedLibrary:
+    def generate(
+        self, model: RobotModel, folder: Path, progress: Callable[[str], None]
+    ) -> GeneratedLibrary:
         """Generate the library, or find that it is there."""
         return generate_parts(
             model,
@@ -104,15 +106,20 @@ def _load(model: RobotModel, what: _What, progress: Callable[[str], None]) -> Li
         mark_used(holder[0].directory)
         return holder[0]
     root = cache_folder()
-    processor = " ".join(sorted(instruction_sets() or ()))  # computers that share the cache can differ
+    # computers that share the cache can differ
+    processor = " ".join(sorted(instruction_sets() or ()))
     mark = hashlib.sha256(f"{digest} {what} {processor}".encode()).hexdigest()[:16]
-    with tempfile.TemporaryDirectory() if root is None else nullcontext(root / "libraries") as folder:
+    with (
+        tempfile.TemporaryDirectory() if root is None else nullcontext(root / "libraries") as folder
+    ):
         target = Path(folder) / f"{library_name(model)}-{mark}"
         holder.append(_load_from_cache(model, target, what, progress))
     return holder[0]
 
 
-def _load_from_cache(model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]) -> Library:
+def _load_from_cache(
+    model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]
+) -> Library:
     """The library in a folder of the cache; generated where it is missing."""
     for there in ((target / MANIFEST).exists(), False):
         mark_used(target)

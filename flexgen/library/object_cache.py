@@ -32,7 +32,8 @@ except ImportError:  # Windows
 
 LIMIT = 256 * 2**20  # bytes of objects; the entries that were used least lately go first
 
-_PAUSE = 0.05  # s, between two trials to lock a file on Windows, which cannot wait longer than ten seconds
+# s, between two trials to lock a file on Windows, which cannot wait longer than ten seconds
+_PAUSE = 0.05
 _MARK = 64  # length of the hash that an entry begins with
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+"([^"\n]+)"', re.MULTILINE)
 
@@ -51,7 +52,10 @@ class Objects:
     """
 
     def __init__(
-        self, identity: str, headers: Mapping[str, bytes], flags_of: Callable[[str], Sequence[str]] = lambda name: ()
+        self,
+        identity: str,
+        headers: Mapping[str, bytes],
+        flags_of: Callable[[str], Sequence[str]] = lambda name: (),
     ) -> None:
         self.folder = cache_folder()
         self.identity, self.flags_of = identity, flags_of
@@ -129,7 +133,9 @@ def _mark(name: str, data: bytes) -> bytes:
 
 
 @contextlib.contextmanager
-def one_at_a_time(folder: Path | None, name: str, log: Callable[[str], None] | None = None) -> Iterator[None]:
+def one_at_a_time(
+    folder: Path | None, name: str, log: Callable[[str], None] | None = None
+) -> Iterator[None]:
     """Let one process at a time compile the object of this name: the others then find it in the cache.
 
     Without a cache, and where files cannot be locked, all compile at once.

@@ -12,7 +12,9 @@ from flexgen.codegen.interface import ABI_VERSION
 from flexgen.library.compiler import NATIVE, OPENMP, REPRODUCIBLE, SOLVER_FLAGS, SOLVERS
 
 
-def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, openmp: bool = False) -> dict[str, str]:
+def packaging(
+    name: str, sources: Sequence[str], headers: Sequence[str], *, openmp: bool = False
+) -> dict[str, str]:
     """Text of ``CMakeLists.txt`` and ``<name>.pc``.
 
     Parameters
@@ -33,9 +35,13 @@ def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, open
     """
 
     def options(flags: Sequence[str], levels: bool) -> str:
-        return " ".join(flag for flag in flags if flag[:2] not in ("-s", "-O") or (levels and flag[:2] == "-O"))
+        return " ".join(
+            flag for flag in flags if flag[:2] not in ("-s", "-O") or (levels and flag[:2] == "-O")
+        )
 
-    solvers = [file for file in sources if file.endswith(tuple(f"/{name}_{solver}" for solver in SOLVERS))]
+    solvers = [
+        file for file in sources if file.endswith(tuple(f"/{name}_{solver}" for solver in SOLVERS))
+    ]
     values = {
         "name": name,
         "NAME": name.upper(),

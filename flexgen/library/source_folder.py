@@ -25,7 +25,11 @@ def folder_of(given: Any, default: str) -> Path:
     """The folder to write to; ArgumentError for something else than a path."""
     if given is None:
         return Path("exports", default)
-    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str) or "\0" in os.fspath(given):
+    if (
+        not isinstance(given, str | os.PathLike)
+        or not isinstance(os.fspath(given), str)
+        or "\0" in os.fspath(given)
+    ):
         raise ArgumentError(f"directory: given {given!r}, expected the path of a folder")
     return Path(given)
 
@@ -67,11 +71,16 @@ def write_folder(
         target.mkdir(parents=True, exist_ok=True)
         remove_leftovers(target)
         with staging_folder(target) as folder:
-            for file, data in {**content, RECORD: (json.dumps(record, indent=2) + "\n").encode()}.items():
+            for file, data in {
+                **content,
+                RECORD: (json.dumps(record, indent=2) + "\n").encode(),
+            }.items():
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)
                 (folder / file).write_bytes(data)
             # of an earlier version of flexgen
-            gone = [file for file in old if file not in content and _digest(target / file) == old[file]]
+            gone = [
+                file for file in old if file not in content and _digest(target / file) == old[file]
+            ]
             with _undone_on_error(target, folder / ".kept", (*content, RECORD, *gone)):
                 for file in (*content, RECORD):
                     (target / file).parent.mkdir(parents=True, exist_ok=True)
@@ -97,10 +106,15 @@ def _record(target: Path, kind: str, name: str) -> dict[str, str]:
     files = found.get("files")
     if (
         not isinstance(files, dict)
-        or not all(isinstance(text, str) for text in (found.get("kind"), found.get("name"), *files.values()))
+        or not all(
+            isinstance(text, str)
+            for text in (found.get("kind"), found.get("name"), *files.values())
+        )
         or not all(_FILE.match(file) and ".." not in file for file in files)
     ):
-        raise BuildError(f"{target / RECORD}: given a file that flexgen did not write, expected none; {_ADVICE}")
+        raise BuildError(
+            f"{target / RECORD}: given a file that flexgen did not write, expected none; {_ADVICE}"
+        )
     if (found["kind"], found["name"]) != (kind, name):
         raise BuildError(
             f"{target}: given a folder with the export {found['kind'][:40]} of {found['name'][:40]!r}, "
@@ -115,7 +129,12 @@ def _undone_on_error(target: Path, kept: Path, files: Sequence[str]) -> Iterator
 
     The copies are in the folder ``kept``. A process that is killed in the block leaves some files new and some old.
     """
-    folders = {parent for file in files for parent in (target / file).parents if parent.is_relative_to(target)}
+    folders = {
+        parent
+        for file in files
+        for parent in (target / file).parents
+        if parent.is_relative_to(target)
+    }
     made = [folder for folder in folders if not folder.exists()]
     there = [file for file in files if os.path.lexists(target / file)]
     for file in there:
@@ -146,13 +165,18 @@ def _refuse_folders(target: Path, files: Sequence[str]) -> None:
         )
 
 
-def _refuse_foreign(target: Path, content: Mapping[str, bytes], old: Mapping[str, str], force: bool) -> None:
+def _refuse_foreign(
+    target: Path, content: Mapping[str, bytes], old: Mapping[str, str], force: bool
+) -> None:
     """BuildError where a file would be lost that flexgen did not write, or that was changed since."""
     foreign: list[str] = []
     changed: list[str] = []
     for file, data in content.items():
         path = target / file
-        if not os.path.lexists(path) or _digest(path) in (hashlib.sha256(data).hexdigest(), old.get(file)):
+        if not os.path.lexists(path) or _digest(path) in (
+            hashlib.sha256(data).hexdigest(),
+            old.get(file),
+        ):
             continue
         (changed if file in old else foreign).append(file)
     if foreign:

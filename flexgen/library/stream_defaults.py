@@ -53,7 +53,13 @@ def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | No
     ahead = preview(1.0 / zero, PREVIEW_SHARE) if zero > 0 else 0.0
     intervals = min(max(INTERVALS, math.ceil(ahead / PERIOD - 1e-9)), INTERVALS_MAX)
     return StreamDefaults(
-        zero, intervals * PERIOD, PERIOD, intervals, SAMPLES, TOLERANCES[spec.precision], PREVIEW_SHARE
+        zero,
+        intervals * PERIOD,
+        PERIOD,
+        intervals,
+        SAMPLES,
+        TOLERANCES[spec.precision],
+        PREVIEW_SHARE,
     )
 
 
@@ -68,7 +74,9 @@ def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
     i_g, i_e = list(model.i_g), list(model.i_e)
     if not i_e:
         return 0.0
-    jacobians, constraint = (_values(spec, name) for name in ("inversion_jacobians", "output_constraint"))
+    jacobians, constraint = (
+        _values(spec, name) for name in ("inversion_jacobians", "output_constraint")
+    )
     q, rest = np.zeros(model.n_a), np.zeros(model.n_a)
     q[i_g] = model.home
     change = np.inf

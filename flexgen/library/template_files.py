@@ -53,7 +53,9 @@ def template(
     try:
         text = path.read_text(encoding="ascii")
     except OSError:
-        raise BuildError(f"{path}: given no such file, expected a template of flexgen; install flexgen again") from None
+        raise BuildError(
+            f"{path}: given no such file, expected a template of flexgen; install flexgen again"
+        ) from None
     given = dict(words or {})
     for k, (own, chosen) in enumerate((names or {}).items()):
         text = text.replace(own, f"@NAME{k}@")

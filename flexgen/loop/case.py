@@ -19,7 +19,13 @@ from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.library.model_library import library_with
 from flexgen.loop.hardware import DriveHardware
-from flexgen.loop.hysteresis import States, hysteretic_robots, largest_rate, split_plants, without_states
+from flexgen.loop.hysteresis import (
+    States,
+    hysteretic_robots,
+    largest_rate,
+    split_plants,
+    without_states,
+)
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.plants import NOMINAL, LocalDynamics, Plants, plants_of
 from flexgen.loop.reference import MotionReference, motion_reference, time_grid
@@ -109,7 +115,9 @@ def control_case(
     seed = seed_of(seed)
     check_not_negative("encoder_noise", encoder_noise)
     check_not_negative("encoder_resolution", encoder_resolution)
-    changed = mapping_of("plants", {} if plants is None else plants, "the changes of each plant by its name")
+    changed = mapping_of(
+        "plants", {} if plants is None else plants, "the changes of each plant by its name"
+    )
     if solution is None:
         tell("solving the move")
         solution = solve(robot, move, progress=progress)
@@ -118,12 +126,16 @@ def control_case(
     names = tuple(p.name for p in chosen.parameters)
     trajectory = solution.trajectory
     force = trajectory if force is None and CHANNEL in trajectory else force
-    forced = force is not None or any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
+    forced = force is not None or any(
+        d.where.startswith("tool.") for given in of_lane.values() for d in given
+    )
     elastic = without_states(robot)
     felt = any(sensor.of_force for sensor in robot.sensors)
     shown = ["sensors"] if robot.sensors and not felt else []
     functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *shown]
-    library = library_with(elastic, functions, parameters=names, per_point=bool(names), progress=progress)
+    library = library_with(
+        elastic, functions, parameters=names, per_point=bool(names), progress=progress
+    )
     nominal = derive(elastic)
     path = Path(nominal, solution.move)
     process = None if force is None else make_force(force, robot, path.duration)
@@ -132,29 +144,56 @@ def control_case(
     local = LocalDynamics(derive(elastic, names))
     known = signals_of(nominal) if felt else None
     reference = motion_reference(trajectory, path, sample_time, delay, library, time, known)
-    signals = RobotFunction(signals_of(local.equations, True), chosen.values, tell) if felt else None
+    signals = (
+        RobotFunction(signals_of(local.equations, True), chosen.values, tell) if felt else None
+    )
     if CHANNEL in trajectory:
         pushed = LocalDynamics(local.equations.pushed_by(trajectory[CHANNEL][0]))
         reference = resting(reference, pushed, chosen.values[:1])
     rests = local.under(process, time[0]).rests(reference.motion, chosen.values)
     whole = int(delay / sample_time + 1e-9)
     rest = delay - whole * sample_time
-    own, late = DriveHardware.from_model(robot) if torque_limits else DriveHardware(), rest > 1e-9 * sample_time
+    own, late = (
+        DriveHardware.from_model(robot) if torque_limits else DriveHardware(),
+        rest > 1e-9 * sample_time,
+    )
     limits = own.torque_max_Nm, own.torque_speed
-    hardware = DriveHardware(sample_time, rest * late, encoder_resolution, encoder_noise, 0.0, *limits)
-    points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
+    hardware = DriveHardware(
+        sample_time, rest * late, encoder_resolution, encoder_noise, 0.0, *limits
+    )
+    points = reference.points(
+        np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int))
+    )
     rate, gears = max(local.largest_rate(points, values) for values in chosen.values), None
     if laws:
         pairs = zip(chosen.values, laws, strict=True)
-        rate = max(largest_rate(local, points, reference.motion, values, law) for values, law in pairs)
-        gears = hysteretic_robots(local.equations.pushed if forced else local.equations, chosen.values, laws, tell)
+        rate = max(
+            largest_rate(local, points, reference.motion, values, law) for values, law in pairs
+        )
+        gears = hysteretic_robots(
+            local.equations.pushed if forced else local.equations, chosen.values, laws, tell
+        )
     case = Case(
-        robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
+        robot,
+        solution,
+        chosen,
+        reference,
+        hardware,
+        whole,
+        of_lane,
+        library,
+        rests,
+        rate,
+        seed,
+        nominal,
+        exact_state,
     )
     return replace(case, gears=gears, signals=signals, laws=laws, force=process)
 
 
-def resting(reference: MotionReference, local: LocalDynamics, nominal: np.ndarray) -> MotionReference:
+def resting(
+    reference: MotionReference, local: LocalDynamics, nominal: np.ndarray
+) -> MotionReference:
     """The reference with the torque of the equilibrium before the motion: under a force a solution begins otherwise."""
     (_, tau), before = local.rests(reference.motion, nominal)[0], reference.time < reference.begin
     before &= (reference.held == reference.held[0]).all(axis=1)
@@ -168,18 +207,32 @@ def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) ->
     tell, names = progress or (lambda line: None), tuple(p.name for p in case.plants.parameters)
     elastic = case.equations.model
     functions = dict.fromkeys((*case.library.functions, TOOL_FORCE))
-    library = library_with(elastic, [*functions], parameters=names, per_point=bool(names), progress=progress)
+    library = library_with(
+        elastic, [*functions], parameters=names, per_point=bool(names), progress=progress
+    )
     local, reference = LocalDynamics(derive(elastic, names)), case.reference
-    points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
+    points = reference.points(
+        np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int))
+    )
     normal = np.zeros((len(points[0]), elastic.dof))
-    jacobians = evaluate(case.equations.function("jacobian"), points[0])[0].reshape(-1, 6, elastic.n_a)
+    jacobians = evaluate(case.equations.function("jacobian"), points[0])[0].reshape(
+        -1, 6, elastic.n_a
+    )
     normal[:, : elastic.n_a] = np.einsum("i,kij->kj", in_world(wall, elastic)[1], jacobians[:, :3])
     pushing, rate = normal[:, :, None] * normal[:, None], 0.0
     for values in case.plants.values:
         M, D, K, _ = local.matrices(points, values)
-        rate = max(rate, largest_eigenvalue(M, D + wall.damping * pushing, K + wall.stiffness * pushing))
-    gears = hysteretic_robots(local.equations.pushed, case.plants.values, case.laws, tell) if case.laws else case.gears
-    return replace(case, library=library, rate=WALL_STEPS * np.hypot(rate, case.rate), gears=gears, wall=wall)
+        rate = max(
+            rate, largest_eigenvalue(M, D + wall.damping * pushing, K + wall.stiffness * pushing)
+        )
+    gears = (
+        hysteretic_robots(local.equations.pushed, case.plants.values, case.laws, tell)
+        if case.laws
+        else case.gears
+    )
+    return replace(
+        case, library=library, rate=WALL_STEPS * np.hypot(rate, case.rate), gears=gears, wall=wall
+    )
 
 
 def _of_lanes(
@@ -189,7 +242,9 @@ def _of_lanes(
     if isinstance(given, Mapping):
         unknown = [name for name in given if name not in names]
         if unknown:
-            raise ArgumentError(f"disturbances: given plant {unknown[0]!r}, expected one of {', '.join(names)}")
+            raise ArgumentError(
+                f"disturbances: given plant {unknown[0]!r}, expected one of {', '.join(names)}"
+            )
         return {k: _check_disturbances(given.get(name, ())) for k, name in enumerate(names)}
     return dict.fromkeys(range(len(names)), _check_disturbances(given))
 
@@ -198,7 +253,9 @@ def _check_disturbances(given: Iterable[Disturbance]) -> tuple[Disturbance, ...]
     """Disturbances as a tuple; ArgumentError for something else."""
     found = tuple(given) if isinstance(given, Iterable) else (None,)
     if not all(isinstance(each, Disturbance) for each in found):
-        raise ArgumentError(f"disturbances: given {given!r}, expected objects of flexgen.Disturbance")
+        raise ArgumentError(
+            f"disturbances: given {given!r}, expected objects of flexgen.Disturbance"
+        )
     return found
 
 

@@ -55,7 +55,9 @@ class Channels:
         return any(sensor.order == 0 for sensor in self.model.sensors)
 
 
-def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | None = None) -> Channels:
+def channels_of(
+    model: RobotModel, outputs: str | Sequence[str], noise: Noise | None = None
+) -> Channels:
     """The channels with the given names.
 
     Parameters
@@ -72,16 +74,26 @@ def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | 
     ArgumentError
         A name is not known or given twice, a noise is not above zero, or a sensor has a delay.
     """
-    given = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, Iterable) else ()
+    given = (
+        (outputs,)
+        if isinstance(outputs, str)
+        else tuple(outputs)
+        if isinstance(outputs, Iterable)
+        else ()
+    )
     if not given or not all(isinstance(name, str) for name in given):
-        raise ArgumentError(f"outputs: given {outputs!r}, expected names: {', '.join(_list_names(model))}")
+        raise ArgumentError(
+            f"outputs: given {outputs!r}, expected names: {', '.join(_list_names(model))}"
+        )
     own = _map_noises(noise, given)
     motors = [motor.name for motor in model.motors]
     names: list[str] = []
     sensors: list[Sensor] = []
     for name in given:
         sensors += _sensors(model, name)
-        names += [c for s in _sensors(model, name) for c in _channels(s, name)] or _motors(name, motors, model)
+        names += [c for s in _sensors(model, name) for c in _channels(s, name)] or _motors(
+            name, motors, model
+        )
     double = [name for k, name in enumerate(names) if name in names[:k]]
     if double:
         raise ArgumentError(f"outputs: given {double[0]!r} twice, expected each channel once")
@@ -93,7 +105,10 @@ def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | 
                 "delay; shift its record, or leave the sensor out"
             )
     of_sensors = [channel for sensor in sensors for channel in sensor.channels]
-    index = [motors.index(name) if name in motors else len(motors) + of_sensors.index(name) for name in names]
+    index = [
+        motors.index(name) if name in motors else len(motors) + of_sensors.index(name)
+        for name in names
+    ]
     used = replace(model, sensors=tuple(sensors))
     return Channels(used, tuple(names), np.array(index), _noises(names, used, own))
 
@@ -137,7 +152,9 @@ def _map_noises(noise: object, given: Sequence[str]) -> dict[str, float]:
     """Noises by the names of outputs; one number is that of all."""
     if is_number(noise):
         return dict.fromkeys(given, float(noise))  # type: ignore[arg-type]
-    return mapping_of("noise", {} if noise is None else noise, "a number > 0, or numbers by the names of outputs")
+    return mapping_of(
+        "noise", {} if noise is None else noise, "a number > 0, or numbers by the names of outputs"
+    )
 
 
 def _channels(sensor: Sensor, name: str) -> tuple[str, ...]:
@@ -152,15 +169,21 @@ def _noises(names: Sequence[str], model: RobotModel, given: Mapping[str, float])
     values = dict.fromkeys(motors, ENCODER_NOISE)
     for sensor in model.sensors:
         for channel, own_noise in zip(sensor.channels, sensor.noises, strict=True):
-            groups[channel] = (ENCODERS, sensor.name) if sensor.type == "link_encoder" else (sensor.name,)
+            groups[channel] = (
+                (ENCODERS, sensor.name) if sensor.type == "link_encoder" else (sensor.name,)
+            )
             values[channel] = own_noise
     unknown = set(given) - {key for name in names for key in (name, *groups[name])}
     if unknown:
-        raise ArgumentError(f"noise: given {sorted(unknown)[0]!r}, expected one of the outputs {', '.join(names)}")
+        raise ArgumentError(
+            f"noise: given {sorted(unknown)[0]!r}, expected one of the outputs {', '.join(names)}"
+        )
     out = []
     for name in names:
         keys = [key for key in (name, *groups[name][::-1]) if key in given]
         value = given[keys[0]] if keys else values[name]
-        check_positive(f"noise of {name}", value, "a number > 0; a filter needs the noise of what it measures")
+        check_positive(
+            f"noise of {name}", value, "a number > 0; a filter needs the noise of what it measures"
+        )
         out.append(float(value))
     return np.array(out)

@@ -34,7 +34,8 @@ from flexgen.runtime.library import Library
 NOT_FINITE, TOO_LONG = "not finite", "gears or frictions slip too fast for the integration steps"
 STATUSES = ("done", NOT_FINITE, "controller failed", TOO_LONG)
 STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method; stable below 2.78
-MOST_STEPS, FEW = 1000, 64  # a sample; so many numbers of steps more than needed are tried before larger ones
+# a sample; so many numbers of steps more than needed are tried before larger ones
+MOST_STEPS, FEW = 1000, 64
 MOST_DELAY = 64  # samples
 TOOL = 6  # entries of a force and a torque on the tool
 POLL_S, LONGEST_STEP_S = 0.05, 5.0  # of a plug-in
@@ -130,13 +131,22 @@ class ClosedLoop:
                 f"q_a, q_m: given shapes {q_a.shape}, {q_m.shape}, expected (lanes, {n_a}), (lanes, {n_m})"
             )
         if library.precision != "double" or library.sizes["n_a"] != n_a:
-            raise ArgumentError(f"library: given {library!r}, expected one of {model.name} in double precision")
+            raise ArgumentError(
+                f"library: given {library!r}, expected one of {model.name} in double precision"
+            )
         self.model, self.hardware, self.lanes = model, hardware, lanes
-        self.steps = integration_steps(hardware, rate) if steps is None else count_of("steps", steps, MOST_STEPS)
+        self.steps = (
+            integration_steps(hardware, rate)
+            if steps is None
+            else count_of("steps", steps, MOST_STEPS)
+        )
         self._check_steps(rate)
         self.sample = 0
         delay = round(hardware.delay_s / hardware.sample_s * self.steps)
-        if abs(delay / self.steps * hardware.sample_s - hardware.delay_s) > DELAY_ERROR * hardware.sample_s:
+        if (
+            abs(delay / self.steps * hardware.sample_s - hardware.delay_s)
+            > DELAY_ERROR * hardware.sample_s
+        ):
             raise ArgumentError(
                 f"delay_s: given {hardware.delay_s}, expected a whole number of integration steps of "
                 f"{hardware.sample_s / self.steps:.3g} s; take a multiple of a fraction of the sample time"
@@ -144,7 +154,9 @@ class ClosedLoop:
         whole, delay = divmod(delay, self.steps)  # nearly a sample may be all of its steps
         late = np.broadcast_to(np.asarray(delay_samples, np.int32), (lanes,)) + np.int32(whole)
         if np.any(late < whole) or np.any(late > MOST_DELAY):
-            raise ArgumentError(f"delay_samples: given {delay_samples!r}, expected 0 to {MOST_DELAY}")
+            raise ArgumentError(
+                f"delay_samples: given {delay_samples!r}, expected 0 to {MOST_DELAY}"
+            )
         self.channels = SensorChannels.ideal(0) if sensors is None else sensors
         if len(self.channels.noise) != (library.sizes.get("n_s", 0) if sensors is not None else 0):
             raise ArgumentError(
@@ -152,10 +164,14 @@ class ClosedLoop:
             )
         self.states = 2 * (n_a + n_m) if exact_state else 0
         n_y = n_m + len(self.channels.noise) + self.states
-        self.setup = Setup(q_m, hardware.sample_s, n_a, n_y, n_y + n_m + ((n_m + 2 * n_a) if arm_reference else 0))
+        self.setup = Setup(
+            q_m, hardware.sample_s, n_a, n_y, n_y + n_m + ((n_m + 2 * n_a) if arm_reference else 0)
+        )
         self._controller = controller.compiled(self.setup)
         self._gears = parameters if isinstance(parameters, RobotFunction) else None
-        self._states = 0 if self._gears is None else self._gears.function.size1_in(0) - 2 * (n_a + n_m)
+        self._states = (
+            0 if self._gears is None else self._gears.function.size1_in(0) - 2 * (n_a + n_m)
+        )
         numbers = None if isinstance(parameters, RobotFunction) else parameters
         self._arrays = self._memory(q_a, self._parameters(library, numbers), seed, late)
         self._arrays["gain"][:] = 1.0 if gain is None else gain
@@ -166,7 +182,10 @@ class ClosedLoop:
 
     def _check_steps(self, rate: float) -> None:
         hardware = self.hardware
-        if self.steps > MOST_STEPS or rate * hardware.sample_s / self.steps > LARGEST_STEP_TIMES_RATE:
+        if (
+            self.steps > MOST_STEPS
+            or rate * hardware.sample_s / self.steps > LARGEST_STEP_TIMES_RATE
+        ):
             raise ArgumentError(
                 f"steps: {self.steps} integration steps a sample of {hardware.sample_s} s, and the fastest eigenvalue "
                 f"is {rate:.3g} 1/s: expected at most {MOST_STEPS} and a step below {LARGEST_STEP_TIMES_RATE} over the "
@@ -178,21 +197,40 @@ class ClosedLoop:
         n_p = len(library.parameter_names)
         used = np.array(library.parameters if given is None else given, dtype=float)
         each = library.per_point
-        if used.shape not in (((self.lanes, n_p), (n_p,)) if each else ((n_p,),)) or not np.isfinite(used).all():
+        if (
+            used.shape not in (((self.lanes, n_p), (n_p,)) if each else ((n_p,),))
+            or not np.isfinite(used).all()
+        ):
             raise ArgumentError(f"parameters: given {used.shape}, expected ({n_p},), finite")
         return np.ascontiguousarray(np.broadcast_to(used, (self.lanes, n_p)).T) if each else used
 
-    def _memory(self, q_a: np.ndarray, parameters: np.ndarray, seed: int, late: np.ndarray) -> dict[str, np.ndarray]:
+    def _memory(
+        self, q_a: np.ndarray, parameters: np.ndarray, seed: int, late: np.ndarray
+    ) -> dict[str, np.ndarray]:
         model, hardware, lanes, channels = self.model, self.hardware, self.lanes, self.channels
         n_m, n_a, n_y = model.n_m, model.n_a, self.setup.n_y
-        most, curves = np.array(hardware.torque_max_Nm or (0.0,) * n_m), hardware.torque_speed or ((),) * n_m
-        if sizes := {name: n for name, n in (("torque_max_Nm", len(most)), ("torque_speed", len(curves))) if n != n_m}:
-            raise ArgumentError(f"drives: given sizes {sizes}, expected one for each of {n_m} motors")
-        own = np.full(n_m, hardware.encoder_noise_rad), np.full(n_m, hardware.encoder_resolution_rad)
+        most, curves = (
+            np.array(hardware.torque_max_Nm or (0.0,) * n_m),
+            hardware.torque_speed or ((),) * n_m,
+        )
+        if sizes := {
+            name: n
+            for name, n in (("torque_max_Nm", len(most)), ("torque_speed", len(curves)))
+            if n != n_m
+        }:
+            raise ArgumentError(
+                f"drives: given sizes {sizes}, expected one for each of {n_m} motors"
+            )
+        own = (
+            np.full(n_m, hardware.encoder_noise_rad),
+            np.full(n_m, hardware.encoder_resolution_rad),
+        )
         exact = np.zeros(self.states)
         delays = np.concatenate([np.zeros(n_m), channels.delay_samples, exact]).astype(np.int32)
         if delays.max() > MOST_DELAY:
-            raise ArgumentError(f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}")
+            raise ArgumentError(
+                f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}"
+            )
         n, n_z = n_a + n_m, self._states
         rows = 10 * n + 5 * n_z + n_m + len(model.i_g) + n_y + 2 * TOOL
         return {
@@ -205,7 +243,9 @@ class ClosedLoop:
             "gain": np.ones(lanes),
             "torque_noise": np.full(n_m, hardware.torque_noise_Nm),
             "torque_max": most,
-            "state": np.vstack([q_a.T, np.zeros((n_a, lanes)), self.setup.q_m.T, np.zeros((n_m + n_z, lanes))]).copy(),
+            "state": np.vstack(
+                [q_a.T, np.zeros((n_a, lanes)), self.setup.q_m.T, np.zeros((n_m + n_z, lanes))]
+            ).copy(),
             "torque": np.zeros((n_m, lanes)),
             "delay": late,
             "pending": np.zeros((int(late.max()) + 1, n_m, lanes)),
@@ -230,13 +270,15 @@ class ClosedLoop:
         if entries[0] is None:
             raise ArgumentError(f"library: given {library!r}, expected one with forward_dynamics")
         self._arrays["work"] = work
-        one, one_work = None, None  # a single robot without parameters: the function for one point is faster
+        # a single robot without parameters: the function for one point is faster
+        one, one_work = None, None
         if self.lanes == 1 and not library.parameter_names:
             one, own = library.forward_dynamics.single_address()
             self._arrays["one_work"] = own
             one_work = own.ctypes.data if own.size else None
         at = {name: array.ctypes.data for name, array in self._arrays.items()}
-        if all(port.name != "parameters" for port in library.forward_dynamics.inputs):  # the robots do not need them
+        # the robots do not need them
+        if all(port.name != "parameters" for port in library.forward_dynamics.inputs):
             at["parameters"] = 0
         kept = {name: at[name] or None for name in ARRAYS}
         terms = self._arrays["encoder_error"]
@@ -268,7 +310,9 @@ class ClosedLoop:
     def touch(self, wall: RobotFunction) -> None:
         """Let the tools touch a wall: force and torque (6,) on a tool from q_a, v_a and the numbers of its robot."""
         if not self._robots.pushed:
-            raise ArgumentError("wall: a force on the tool needs a library with forward_dynamics_tool_force")
+            raise ArgumentError(
+                "wall: a force on the tool needs a library with forward_dynamics_tool_force"
+            )
         self._robots.wall = self._address(wall)
 
     def hold(self, tau_m: np.ndarray) -> None:
@@ -339,7 +383,11 @@ class ClosedLoop:
         """
         n_m, n_ref, n_y = self.model.n_m, self.setup.n_ref, self.setup.n_y
         reference = np.ascontiguousarray(reference, dtype=float)
-        if reference.ndim != 3 or reference.shape[1:] != (self.lanes, n_ref) or not np.isfinite(reference).all():
+        if (
+            reference.ndim != 3
+            or reference.shape[1:] != (self.lanes, n_ref)
+            or not np.isfinite(reference).all()
+        ):
             raise ArgumentError(
                 f"reference: given shape {reference.shape}, expected finite numbers (period, {self.lanes}, {n_ref})"
             )
@@ -401,7 +449,11 @@ class ClosedLoop:
         if given is None:
             return ()
         rows, d = self.model.n_m + TOOL, np.ascontiguousarray(given, dtype=float)
-        if d.ndim != 3 or d.shape[:2] != (samples * self.steps, rows) or d.shape[2] not in (1, self.lanes):
+        if (
+            d.ndim != 3
+            or d.shape[:2] != (samples * self.steps, rows)
+            or d.shape[2] not in (1, self.lanes)
+        ):
             raise ArgumentError(
                 f"disturbances: given shape {d.shape}, expected ({samples * self.steps}, {rows}, 1 or {self.lanes})"
             )
@@ -409,12 +461,16 @@ class ClosedLoop:
             raise ArgumentError("disturbances: given entries that are not finite, expected numbers")
         pushing = np.ascontiguousarray(d[:, self.model.n_m :].any(axis=(1, 2)).astype(np.uint8))
         if pushing.any() and not self._robots.pushed:
-            raise ArgumentError("disturbances: a force on the tool needs a library with forward_dynamics_tool_force")
+            raise ArgumentError(
+                "disturbances: a force on the tool needs a library with forward_dynamics_tool_force"
+            )
         self._robots.disturbed = d.shape[2]
         self._robots.disturbances, self._robots.pushing = d.ctypes.data, pushing.ctypes.data
         return d, pushing
 
-    def periods(self, reference: np.ndarray, count: int, *, motion: bool = False) -> Iterator[Samples]:
+    def periods(
+        self, reference: np.ndarray, count: int, *, motion: bool = False
+    ) -> Iterator[Samples]:
         """One period of the reference after the other."""
         for _ in range(count):
             yield self.run(reference, len(reference), motion=motion)
@@ -422,7 +478,11 @@ class ClosedLoop:
 
 def _encoder_terms(model: RobotModel) -> np.ndarray:
     """Terms of the errors of all encoders, rows of motor, harmonic, coefficient of the cosine and of the sine."""
-    sums = [(j, motor.encoder_error) for j, motor in enumerate(model.motors) if motor.encoder_error is not None]
+    sums = [
+        (j, motor.encoder_error)
+        for j, motor in enumerate(model.motors)
+        if motor.encoder_error is not None
+    ]
     rows = [(j, *term) for j, e in sums for term in zip(e.harmonics, e.cos, e.sin, strict=True)]
     return np.array(rows, dtype=float).reshape(len(rows), 4)
 
@@ -432,7 +492,10 @@ def integration_steps(hardware: DriveHardware, rate: float) -> int:
     least = max(1, math.ceil(rate * hardware.sample_s / STEP_TIMES_RATE))
     part = hardware.delay_s / hardware.sample_s
     few = range(least, least + FEW)
-    errors = {n: abs(round(part * n) / n - part) for n in (*few, *range(few.stop, max(MOST_STEPS // 2, few.stop)))}
+    errors = {
+        n: abs(round(part * n) / n - part)
+        for n in (*few, *range(few.stop, max(MOST_STEPS // 2, few.stop)))
+    }
     exact = (n for n in few if errors[n] < DELAY_ERROR / 10)
     near = (n for n, error in errors.items() if error < DELAY_ERROR)
     return next(exact, next(near, min(few, key=errors.__getitem__)))

@@ -15,7 +15,8 @@ from flexgen.progress import Choice, reported
 from flexgen.results import Result
 from flexgen.type_checks import checked_result, checked_types
 
-RUN = 0.25  # time of a simulation of another robot, relative to the verification, whose tolerance is tighter
+# time of a simulation of another robot, relative to the verification, whose tolerance is tighter
+RUN = 0.25
 
 
 @checked_result
@@ -85,7 +86,9 @@ def compare(solution: Solution, *, robustness: bool = False, progress: Choice = 
     [('rigid', False), ('closed-form', True)]
     """
     if solution.interrupted:
-        raise ArgumentError("solution: given one that was interrupted, expected a solution of the whole move")
+        raise ArgumentError(
+            "solution: given one that was interrupted, expected a solution of the whole move"
+        )
     equations = derive(solution.model)
     log = progress if callable(progress) else None
     compared = () if solution.simulation is None else compare_methods(equations, solution, log)
@@ -94,6 +97,10 @@ def compare(solution: Solution, *, robustness: bool = False, progress: Choice = 
     named = {one.method: one for one in (compared or (solution,))}
     runs = len(PLANTS) * len(CONTROLS) * len(named)
     if log is not None:
-        took = "" if solution.simulation is None else f", about {duration(RUN * runs * solution.simulation.wall_s)}"
+        took = (
+            ""
+            if solution.simulation is None
+            else f", about {duration(RUN * runs * solution.simulation.wall_s)}"
+        )
         log(f"robustness: {runs} simulations{took}")
     return Comparison(solution, compared, compare_plants(equations, named, progress=log))

@@ -39,7 +39,8 @@ from flexgen.type_checks import checked_types
 
 CHUNK = 2000  # samples between two progress messages
 PARTS = 40  # of the reference with gains of their own
-FINER = (4, 4, 4)  # more steps, one after the other, where gears or frictions slip faster than in the planned motion
+# more steps, one after the other, where gears or frictions slip faster than in the planned motion
+FINER = (4, 4, 4)
 
 
 @checked_types(own=("plants", "force", "assumed_force"))
@@ -60,8 +61,19 @@ def control(
     seed: int = 0,
     solution: Solution | None = None,
     wall: Wall | None = None,
-    force: np.ndarray | Callable[[np.ndarray], np.ndarray] | Trajectory | str | FilePath | None = None,
-    assumed_force: float | np.ndarray | Callable[[np.ndarray], np.ndarray] | Trajectory | str | FilePath | None = None,
+    force: np.ndarray
+    | Callable[[np.ndarray], np.ndarray]
+    | Trajectory
+    | str
+    | FilePath
+    | None = None,
+    assumed_force: float
+    | np.ndarray
+    | Callable[[np.ndarray], np.ndarray]
+    | Trajectory
+    | str
+    | FilePath
+    | None = None,
     progress: Choice = None,
 ) -> ControlRun:
     """Simulate a move under a sampled controller with feedforward torques, for the model and for robots that differ.
@@ -135,16 +147,25 @@ def control(
 
 
 def _solve_assuming(
-    model: Any, move: str | Move | None, force: Any, assumed: Any, solution: Solution | None, progress: Progress | None
+    model: Any,
+    move: str | Move | None,
+    force: Any,
+    assumed: Any,
+    solution: Solution | None,
+    progress: Progress | None,
 ) -> Solution | None:
     """The solution of a move with the force that the feedforward assumes; as it is given without a force."""
     if force is None and assumed is None:
         return solution
     if force is None:
-        raise ArgumentError("assumed_force: given without a force, expected also force: the one that acts")
+        raise ArgumentError(
+            "assumed_force: given without a force, expected also force: the one that acts"
+        )
     if solution is not None:
         if assumed is not None:
-            raise ArgumentError("assumed_force: given with a solution, expected one of both: a solution states its own")
+            raise ArgumentError(
+                "assumed_force: given with a solution, expected one of both: a solution states its own"
+            )
         return solution
     if isinstance(assumed, float) or is_number(assumed):  # also NaN
         check_not_negative("assumed_force", assumed)
@@ -156,7 +177,9 @@ def case_controller(case: Case, controller: Any) -> tuple[Controller, str]:
     """The controller for a case from what `control` takes, and its name."""
     samples = -(-len(case.reference.time) // PARTS)
     parts = case.reference.parts(samples)
-    chosen, name = controller_of(controller, case.equations.model, case.sample_time, case.delay, parts, samples)
+    chosen, name = controller_of(
+        controller, case.equations.model, case.sample_time, case.delay, parts, samples
+    )
     if isinstance(chosen, ModelLaw):
         return chosen.bound(case.law_motion()), chosen.title
     if case.exact_state and isinstance(chosen, Linear):
@@ -167,7 +190,10 @@ def case_controller(case: Case, controller: Any) -> tuple[Controller, str]:
 def _beside_the_state(controller: Linear, model: RobotModel) -> Linear:
     """A linear controller of motor angles and sensors, in a loop that measures the exact state after them."""
     A, B, C, D = controller.matrices
-    used, states = model.n_m + sum(len(s.channels) for s in model.sensors), 2 * (model.n_a + model.n_m)
+    used, states = (
+        model.n_m + sum(len(s.channels) for s in model.sensors),
+        2 * (model.n_a + model.n_m),
+    )
     if not B.shape[-1] == D.shape[-1] == used:
         return controller
     B, D = (np.concatenate([x, np.zeros((*x.shape[:2], states))], axis=2) for x in (B, D))
@@ -175,7 +201,12 @@ def _beside_the_state(controller: Linear, model: RobotModel) -> Linear:
 
 
 def run_case(
-    case: Case, controller: Controller, name: str, *, steps: int | None = None, progress: Progress | None = None
+    case: Case,
+    controller: Controller,
+    name: str,
+    *,
+    steps: int | None = None,
+    progress: Progress | None = None,
 ) -> ControlRun:
     """Simulate all robots of a case under a controller, in ``steps`` a sample, by default as many as they need."""
     run = _run(case, controller, name, steps, progress)
@@ -185,7 +216,9 @@ def run_case(
     return run
 
 
-def _run(case: Case, controller: Controller, name: str, steps: int | None, progress: Progress | None) -> ControlRun:
+def _run(
+    case: Case, controller: Controller, name: str, steps: int | None, progress: Progress | None
+) -> ControlRun:
     reference, robot = case.reference, case.model
     lanes, n = len(case.plants.names), len(reference.time)
     q_a, tau = (np.array(x) for x in zip(*case.rests, strict=True))
@@ -199,7 +232,9 @@ def _run(case: Case, controller: Controller, name: str, steps: int | None, progr
     loop.hold(tau)
     if case.wall is not None:
         numbers = np.tile(numbers_of(case.wall, case.model), (lanes, 1))
-        loop.touch(RobotFunction(wall_force(case.equations), numbers, progress or (lambda line: None)))
+        loop.touch(
+            RobotFunction(wall_force(case.equations), numbers, progress or (lambda line: None))
+        )
     known = reference.rows(case.exact_state)
     rows = np.ascontiguousarray(np.broadcast_to(known[:, None], (n, lanes, loop.setup.n_ref)))
     step_s = case.hardware.sample_s / loop.steps
@@ -233,16 +268,24 @@ def _run(case: Case, controller: Controller, name: str, steps: int | None, progr
         error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
         stopped = int(loop.saturated[lane]), loop.failures[lane]
         seen = q_m[:, lane], y_s[:, lane]
-        touched = None if case.wall is None else contact_force(case.wall, case.equations, arm, speeds)
+        touched = (
+            None if case.wall is None else contact_force(case.wall, case.equations, arm, speeds)
+        )
         load = case.plants.loads[lane]
-        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load, touched))
+        runs.append(
+            PlantRun(
+                plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load, touched
+            )
+        )
     return ControlRun(
         robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
         seconds, None if case.force is None else case.force.at(reference.time),
     )  # fmt: skip
 
 
-def _channels(robot: RobotModel, sample_s: float, signals: RobotFunction | None = None) -> SensorChannels:
+def _channels(
+    robot: RobotModel, sample_s: float, signals: RobotFunction | None = None
+) -> SensorChannels:
     """The sensors of the model file; ArgumentError where one is slower than the drives."""
     noise: list[float] = []
     late: list[int] = []

@@ -20,7 +20,18 @@ from flexgen.loop.python_files import LIBRARIES, is_python, object_of_file
 from flexgen.model.format import MODEL
 from flexgen.position_servo.keys import FILTER_KEYS, gain_keys
 from flexgen.registry import extension, names
-from flexgen.spec.keys import Context, Format, Key, Kinds, Type, list_of, number, of_class, read, vector
+from flexgen.spec.keys import (
+    Context,
+    Format,
+    Key,
+    Kinds,
+    Type,
+    list_of,
+    number,
+    of_class,
+    read,
+    vector,
+)
 from flexgen.spec.tables import Table, file_bytes, file_table
 
 MOTORS = range(1, 65)  # how many there can be
@@ -29,7 +40,9 @@ MOTORS = range(1, 65)  # how many there can be
 def _read_gain(table: Table, key: Key, here: Context) -> np.ndarray:
     """A number for each motor, as many as of the gain that is read first."""
     first = here.values.get("position_gain")
-    return np.array(table.vector(key.name, MOTORS if first is None else len(first), what="one for each motor"))
+    return np.array(
+        table.vector(key.name, MOTORS if first is None else len(first), what="one for each motor")
+    )
 
 
 _GAIN = Type(_read_gain, vector(MOTORS).schema)
@@ -66,8 +79,14 @@ CONTROLLER = Kinds(
     "feedback of a closed loop",
     {
         "ppi": Format("P-PI cascade, by frequencies", _PPI, _maker(PPI)),
-        "cascade": Format("P-PI cascade, by gains of each motor", (*gain_keys(_GAIN), *FILTER_KEYS), _maker(Cascade)),
-        "linear": Format("matrices from `y_ref - y` to torques, sampled", _MATRICES, _maker(Linear)),
+        "cascade": Format(
+            "P-PI cascade, by gains of each motor",
+            (*gain_keys(_GAIN), *FILTER_KEYS),
+            _maker(Cascade),
+        ),
+        "linear": Format(
+            "matrices from `y_ref - y` to torques, sampled", _MATRICES, _maker(Linear)
+        ),
     },
     shared=(MODEL["description"],),
     strict=False,
@@ -112,14 +131,22 @@ def system_controller(system: Any, sample_time: float) -> Linear:
     n_z = len(np.atleast_2d(system.A)) if np.size(system.A) else 0
     A, B, C = (
         np.asarray(x, dtype=float).reshape(shape)
-        for x, shape in ((system.A, (n_z, n_z)), (system.B, (n_z, D.shape[1])), (system.C, (D.shape[0], n_z)))
+        for x, shape in (
+            (system.A, (n_z, n_z)),
+            (system.B, (n_z, D.shape[1])),
+            (system.C, (D.shape[0], n_z)),
+        )
     )
     if system.dt in (0, None):
         from scipy.signal import cont2discrete
 
-        A, B, C, D, _ = cont2discrete((A, B, C, D), sample_time, method="bilinear") if n_z else (A, B, C, D, 0)
+        A, B, C, D, _ = (
+            cont2discrete((A, B, C, D), sample_time, method="bilinear") if n_z else (A, B, C, D, 0)
+        )
     elif system.dt is not True and abs(float(system.dt) - sample_time) > 1e-9 * sample_time:
-        raise ArgumentError(f"controller: given a system with dt = {system.dt} s, expected {sample_time} s or 0")
+        raise ArgumentError(
+            f"controller: given a system with dt = {system.dt} s, expected {sample_time} s or 0"
+        )
     return Linear(A, B, C, D)
 
 

@@ -28,7 +28,9 @@ def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str
     except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
     if array.ndim not in dimensions or not np.isfinite(array).all():
-        raise ArgumentError(f"controller, {name}: given {show_value(value)}, expected finite numbers, {what}")
+        raise ArgumentError(
+            f"controller, {name}: given {show_value(value)}, expected finite numbers, {what}"
+        )
 
 
 @checked_class
@@ -56,7 +58,9 @@ class Cascade:
     integral_gain: np.ndarray
     filters: tuple[Filter, ...] = ()
     torque_max: np.ndarray | None = None
-    _state: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _state: dict[str, np.ndarray] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     __repr__ = short_repr
 
@@ -69,10 +73,19 @@ class Cascade:
         """The controller in C, for robots that rest at ``setup.q_m``."""
         n, robots, sections = setup.n_m, len(setup.q_m), self._sections(setup.sample_s)
         most = np.zeros(n) if self.torque_max is None else np.asarray(self.torque_max, dtype=float)
-        gains = [np.asarray(x, dtype=float) for x in (self.position_gain, self.speed_gain, self.integral_gain)]
-        for name, x in zip(("position_gain", "speed_gain", "integral_gain", "torque_max"), (*gains, most), strict=True):
+        gains = [
+            np.asarray(x, dtype=float)
+            for x in (self.position_gain, self.speed_gain, self.integral_gain)
+        ]
+        for name, x in zip(
+            ("position_gain", "speed_gain", "integral_gain", "torque_max"),
+            (*gains, most),
+            strict=True,
+        ):
             if x.shape not in ((n,), (robots, n)) or not np.isfinite(x).all():
-                raise ArgumentError(f"controller, {name}: given {x}, expected {n} finite numbers, one for each motor")
+                raise ArgumentError(
+                    f"controller, {name}: given {x}, expected {n} finite numbers, one for each motor"
+                )
         head = np.array([n, setup.n_y, len(sections)], np.int64).view(np.float64)
         of_each = np.hstack([np.broadcast_to(x, (robots, n)) for x in (*gains, most)])
         fixed = np.concatenate([head, [setup.sample_s], of_each[0], sections.ravel()])
@@ -142,20 +155,28 @@ class Linear:
     C: np.ndarray
     D: np.ndarray
     samples: int = 1
-    _state: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _state: dict[str, np.ndarray] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name in "ABCD":
-            _check_numbers(name, getattr(self, name), (2, 3), "shape (rows, columns) or (parts, rows, columns)")
+            _check_numbers(
+                name, getattr(self, name), (2, 3), "shape (rows, columns) or (parts, rows, columns)"
+            )
         if not is_whole(self.samples):
-            raise ArgumentError(f"controller, samples: given {show_value(self.samples)}, expected a whole number >= 1")
+            raise ArgumentError(
+                f"controller, samples: given {show_value(self.samples)}, expected a whole number >= 1"
+            )
 
     @property
     def matrices(self) -> tuple[np.ndarray, ...]:
         """``A, B, C, D`` with parts."""
-        return tuple(x[None] if x.ndim == 2 else x for x in map(np.asarray, (self.A, self.B, self.C, self.D)))
+        return tuple(
+            x[None] if x.ndim == 2 else x for x in map(np.asarray, (self.A, self.B, self.C, self.D))
+        )
 
     @property
     def order(self) -> int:
@@ -175,7 +196,9 @@ class Linear:
                 )
         columns = [x.transpose(0, 2, 1).reshape(parts, -1) for x in (A, B, C, D)]
         table = np.ascontiguousarray(np.concatenate(columns, axis=1), float)
-        head = np.array([n_m, n_y, n_z, parts, max(int(self.samples), 1), table.ctypes.data], np.int64)
+        head = np.array(
+            [n_m, n_y, n_z, parts, max(int(self.samples), 1), table.ctypes.data], np.int64
+        )
         memory = np.zeros((len(setup.q_m), len(head) + 4 * n_z + n_y + 2 * n_m))
         memory[:, : len(head)] = head.view(np.float64)
         return _in_c("flexgen_loop_linear", memory, 8 * len(head), table)

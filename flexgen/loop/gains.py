@@ -55,8 +55,12 @@ class PPI:
             value = getattr(self, name)
             if value is not None and not (is_number(value) and 0 <= value <= 1e5):
                 raise ArgumentError(f"controller, {name}: given {value!r}, expected 0 to 1e5 Hz")
-        if not isinstance(self.filters, Sequence) or not all(hasattr(each, "section") for each in self.filters):
-            raise ArgumentError(f"controller, filters: given {self.filters!r}, expected filters such as flexgen.Notch")
+        if not isinstance(self.filters, Sequence) or not all(
+            hasattr(each, "section") for each in self.filters
+        ):
+            raise ArgumentError(
+                f"controller, filters: given {self.filters!r}, expected filters such as flexgen.Notch"
+            )
 
     def frequencies(self, model: RobotModel, motion: Sequence[np.ndarray]) -> dict[str, float]:
         """The three frequencies for a model at a pose [Hz]."""
@@ -83,8 +87,12 @@ class PPI:
             With the torque limits of the model.
         """
         check_motion(model, motion)
-        gains = cascade_gains(self.frequencies(model, motion), *motor_inertias(model, motion), late_s)
-        return Cascade(*gains, self.filters, np.array([motor.torque_max or 0.0 for motor in model.motors]))
+        gains = cascade_gains(
+            self.frequencies(model, motion), *motor_inertias(model, motion), late_s
+        )
+        return Cascade(
+            *gains, self.filters, np.array([motor.torque_max or 0.0 for motor in model.motors])
+        )
 
 
 @checked_class
@@ -131,7 +139,9 @@ class PID:
         return Cascade(half + np.sqrt(root), k_d, half - np.sqrt(root), self.filters)
 
 
-def motor_inertias(model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def motor_inertias(
+    model: RobotModel, motion: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Inertias that the motors move at a pose: with all springs stiff, and soft, (n_m,) each [kg m^2]."""
     M, _, _, B = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
     return second_order.motor_inertias(model, M, B, second_order.motor_rows(model))

@@ -53,7 +53,9 @@ class DriveHardware:
         if not (math.isfinite(self.sample_s) and self.sample_s > 0):
             raise ArgumentError(f"sample_s: given {self.sample_s!r}, expected a time > 0 in s")
         if not 0 <= self.delay_s < self.sample_s:
-            raise ArgumentError(f"delay_s: given {self.delay_s!r}, expected >= 0, below sample_s = {self.sample_s}")
+            raise ArgumentError(
+                f"delay_s: given {self.delay_s!r}, expected >= 0, below sample_s = {self.sample_s}"
+            )
         for name in ("encoder_resolution_rad", "encoder_noise_rad", "torque_noise_Nm"):
             if not 0 <= (value := getattr(self, name)) < math.inf:
                 raise ArgumentError(f"{name}: given {value!r}, expected a number >= 0")
@@ -63,7 +65,11 @@ class DriveHardware:
     def from_model(cls, model: RobotModel, **values: float) -> DriveHardware:
         """With the torque limits of a model, 0 where a motor has none; ``values``: the other fields."""
         most = tuple(motor.torque_max or 0.0 for motor in model.motors)
-        return cls(**values, torque_max_Nm=most, torque_speed=tuple(motor.torque_speed for motor in model.motors))
+        return cls(
+            **values,
+            torque_max_Nm=most,
+            torque_speed=tuple(motor.torque_speed for motor in model.motors),
+        )
 
 
 @dataclass(frozen=True)
@@ -92,4 +98,6 @@ class SensorChannels:
         for name in ("noise", "bias", "resolution", "delay_samples"):
             x = getattr(self, name)
             if x.shape != shape or not np.isfinite(x).all() or (name != "bias" and np.any(x < 0)):
-                raise ArgumentError(f"sensors, {name}: given {x!r}, expected {shape[0]} finite numbers >= 0")
+                raise ArgumentError(
+                    f"sensors, {name}: given {x!r}, expected {shape[0]} finite numbers >= 0"
+                )

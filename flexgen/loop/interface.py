@@ -182,7 +182,9 @@ class PythonController:
             for controller in own:
                 controller.reset()
         except Exception as error:
-            raise ArgumentError(f"controller: reset() failed: {type(error).__name__}: {error}") from error
+            raise ArgumentError(
+                f"controller: reset() failed: {type(error).__name__}: {error}"
+            ) from error
         return own
 
     def compiled(self, setup: Setup) -> Compiled:
@@ -212,7 +214,11 @@ class PythonController:
         address = ctypes.cast(entry, ctypes.c_void_p).value
         assert address is not None
         return Compiled(
-            address, np.arange(lanes, dtype=np.int64)[:, None].copy().view(np.uint8), 8, errors, (entry, own)
+            address,
+            np.arange(lanes, dtype=np.int64)[:, None].copy().view(np.uint8),
+            8,
+            errors,
+            (entry, own),
         )
 
 
@@ -269,7 +275,9 @@ class PlugIn:
             try:
                 found[name] = self._library[symbol]
             except AttributeError:
-                raise BuildError(f"{path}: given no function {symbol}, expected those of {HEADER.name}") from None
+                raise BuildError(
+                    f"{path}: given no function {symbol}, expected those of {HEADER.name}"
+                ) from None
         abi = int(found["abi"]())
         if abi != ABI:
             raise BuildError(
@@ -282,12 +290,21 @@ class PlugIn:
         """The functions of the library, each robot with its own memory."""
 
         def of(lane: int) -> _CSetup:
-            return _CSetup(setup.n_a, setup.n_m, setup.n_y, setup.n_ref, setup.sample_s, angles[lane].ctypes.data)
+            return _CSetup(
+                setup.n_a,
+                setup.n_m,
+                setup.n_y,
+                setup.n_ref,
+                setup.sample_s,
+                angles[lane].ctypes.data,
+            )
 
         angles = np.ascontiguousarray(setup.q_m, dtype=float)
         size = int(self._size(ctypes.byref(of(0))))
         if size > MOST_MEMORY:
-            raise ArgumentError(f"{self.path}: given {size} bytes of memory, expected at most {MOST_MEMORY}")
+            raise ArgumentError(
+                f"{self.path}: given {size} bytes of memory, expected at most {MOST_MEMORY}"
+            )
         memory = np.zeros((len(angles), -(-max(size, 8) // 16) * 2)).view(np.uint8)
         for lane, own in enumerate(memory):
             status = int(self._reset(ctypes.c_void_p(own.ctypes.data), ctypes.byref(of(lane))))

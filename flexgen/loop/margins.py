@@ -77,7 +77,8 @@ def as_linear(controller: Any, sample_s: float, n_y: int) -> Linear | None:
     C, D = np.zeros((n, n * own)), np.zeros((n, n_y))
     for j in range(n):
         k_p, k_v, k_i = (
-            float(x[j]) for x in (controller.position_gain, controller.speed_gain, controller.integral_gain)
+            float(x[j])
+            for x in (controller.position_gain, controller.speed_gain, controller.integral_gain)
         )
         at = slice(j * own, (j + 1) * own)
         # Rows in the states of this motor and its error e: the speed error w, the integral, the feedback.
@@ -110,13 +111,25 @@ class LoopAtPose:
     """
 
     def __init__(
-        self, model: PoseModel, controller: Linear, sample_s: float, delay_s: float, late: np.ndarray | None = None
+        self,
+        model: PoseModel,
+        controller: Linear,
+        sample_s: float,
+        delay_s: float,
+        late: np.ndarray | None = None,
     ) -> None:
-        self.model, self.controller, self.sample_s, self.delay_s = model, controller, sample_s, delay_s
+        self.model, self.controller, self.sample_s, self.delay_s = (
+            model,
+            controller,
+            sample_s,
+            delay_s,
+        )
         self.late = late  # samples by which each signal is, None: 0
 
     def __repr__(self) -> str:
-        sizes = f"{len(self.model.A)} states of the robot, {self.controller.order} of the controller"
+        sizes = (
+            f"{len(self.model.A)} states of the robot, {self.controller.order} of the controller"
+        )
         return f"<LoopAtPose: {sizes}, samples of {1e3 * self.sample_s:.4g} ms, delay {1e3 * self.delay_s:.4g} ms>"
 
     def largest_eigenvalue(self, gain: float = 1.0, more_delay_s: float = 0.0) -> float:
@@ -136,7 +149,9 @@ class LoopAtPose:
 
     def _plant(self, more_delay_s: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         m = self.model
-        return sampled_plant(m.A, m.B, m.C, m.D, self.sample_s, self.delay_s + more_delay_s, self.late)
+        return sampled_plant(
+            m.A, m.B, m.C, m.D, self.sample_s, self.delay_s + more_delay_s, self.late
+        )
 
     def margins(self) -> Margins:
         """Gain and delay margin."""
@@ -153,21 +168,29 @@ class LoopAtPose:
         """Loop gain from ``low_hz`` to half the sample rate."""
         h = self.sample_s
         if not (is_number(low_hz) and LEAST_HZ <= low_hz < 0.499 / h):
-            raise ArgumentError(f"low_hz: given {show_value(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz")
+            raise ArgumentError(
+                f"low_hz: given {show_value(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz"
+            )
         hz = np.geomspace(low_hz, 0.499 / h, FREQUENCIES)
         z = np.exp(2j * np.pi * hz * h)[:, None, None]
         F, G, Y = self._plant()
-        plant = Y @ np.linalg.solve(z * np.eye(len(F)) - F, np.broadcast_to(G.astype(complex), (len(hz), *G.shape)))
+        plant = Y @ np.linalg.solve(
+            z * np.eye(len(F)) - F, np.broadcast_to(G.astype(complex), (len(hz), *G.shape))
+        )
         A, B, C, D = (x[0] for x in self.controller.matrices)
         feedback = np.broadcast_to(D.astype(complex), (len(hz), *D.shape))
         if len(A):
             right = np.broadcast_to(B.astype(complex), (len(hz), *B.shape))
             feedback = feedback + C @ np.linalg.solve(z * np.eye(len(A)) - A, right)
         loop = feedback @ plant
-        return LoopResponse(hz, np.linalg.svd(loop, compute_uv=False), np.linalg.det(np.eye(loop.shape[1]) + loop))
+        return LoopResponse(
+            hz, np.linalg.svd(loop, compute_uv=False), np.linalg.det(np.eye(loop.shape[1]) + loop)
+        )
 
 
-def _find_largest(stable: Callable[[float], bool], start: float, values: Sequence[float] | np.ndarray) -> float:
+def _find_largest(
+    stable: Callable[[float], bool], start: float, values: Sequence[float] | np.ndarray
+) -> float:
     """Largest value up to which the loop is stable; infinite where it is at all of them."""
     low = start
     for value in values:
@@ -188,21 +211,37 @@ def state_rows(model: RobotModel) -> np.ndarray:
 
 
 def loops_at(
-    model: RobotModel, controller: Any, sample_s: float, delay_s: float, motion: Arrays, samples: np.ndarray
+    model: RobotModel,
+    controller: Any,
+    sample_s: float,
+    delay_s: float,
+    motion: Arrays,
+    samples: np.ndarray,
 ) -> list[LoopAtPose]:
     """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear."""
     poses, out = PoseModels(model), []
-    late = [0] * model.n_m + [round(x.delay_s / sample_s) for x in model.sensors for _ in x.channels]
+    late = [0] * model.n_m + [
+        round(x.delay_s / sample_s) for x in model.sensors for _ in x.channels
+    ]
     for k in range(len(motion[0])):
         at = poses.at([x[k : k + 1] for x in motion])
         linear = as_linear(controller, sample_s, len(at.C))
         if linear is None:
             return []
         if isinstance(controller, Linear):
-            A, B, C, D = (x[min(int(samples[k]) // controller.samples, len(x) - 1)] for x in controller.matrices)
+            A, B, C, D = (
+                x[min(int(samples[k]) // controller.samples, len(x) - 1)]
+                for x in controller.matrices
+            )
             linear = Linear(A, B, C, D)
             if D.shape[1] > len(at.C):
                 exact = state_rows(model)
-                at = replace(at, C=np.vstack([at.C, exact]), D=np.vstack([at.D, np.zeros((len(exact), model.n_m))]))
-        out.append(LoopAtPose(at, linear, sample_s, delay_s, np.pad(late, (0, len(at.C) - len(late)))))
+                at = replace(
+                    at,
+                    C=np.vstack([at.C, exact]),
+                    D=np.vstack([at.D, np.zeros((len(exact), model.n_m))]),
+                )
+        out.append(
+            LoopAtPose(at, linear, sample_s, delay_s, np.pad(late, (0, len(at.C) - len(late))))
+        )
     return out

@@ -28,7 +28,12 @@ class LinearDesign(ABC):
 
     @abstractmethod
     def linear(
-        self, model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray], samples: int = 1
+        self,
+        model: RobotModel,
+        sample_s: float,
+        delay_s: float,
+        motion: Sequence[np.ndarray],
+        samples: int = 1,
     ) -> Linear:
         """The controller for parts of a motion, of ``samples`` samples each; ``motion``: one point for each part."""
 

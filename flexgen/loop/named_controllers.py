@@ -27,7 +27,9 @@ class FeedforwardOnly:
     def compiled(self, setup: Setup) -> Compiled:
         """A linear controller without gain."""
         n_y, n_m = setup.n_y, setup.n_m
-        return Linear(np.zeros((0, 0)), np.zeros((0, n_y)), np.zeros((n_m, 0)), np.zeros((n_m, n_y))).compiled(setup)
+        return Linear(
+            np.zeros((0, 0)), np.zeros((0, n_y)), np.zeros((n_m, 0)), np.zeros((n_m, n_y))
+        ).compiled(setup)
 
 
 def controller_of(
@@ -62,7 +64,10 @@ def controller_of(
         given, name = _find_controller(str(given), model, [x[:1] for x in motion])
     if isinstance(given, PPI):
         begin = [x[:1] for x in motion]
-        return given.cascade(model, late, begin), _ppi_name(given, model, begin) if name in ("PPI", "ppi") else name
+        return given.cascade(model, late, begin), _ppi_name(given, model, begin) if name in (
+            "PPI",
+            "ppi",
+        ) else name
     if isinstance(given, LinearDesign):
         return given.linear(model, sample_time, delay, motion, samples), given.title
     if isinstance(given, PID):
@@ -88,7 +93,9 @@ def _find_controller(text: str, model: RobotModel, motion: Sequence[np.ndarray])
     if text == "ppi_notch":
         lowest = lowest_locked_hz(model, motion)
         if not lowest:
-            raise ArgumentError(f"controller: the model {model.name} has no elasticity, so no notch frequency; use ppi")
+            raise ArgumentError(
+                f"controller: the model {model.name} has no elasticity, so no notch frequency; use ppi"
+            )
         notch = Notch(lowest, 0.3, 0.9)
         return PPI(filters=(notch,)), f"ppi with a notch at {notch.frequency_hz:.3g} Hz"
     if text in names("laws"):

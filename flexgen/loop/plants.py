@@ -37,7 +37,18 @@ NOMINAL = "nominal"
 KINDS = ("stiffness", "damping", "friction", "lost_motion", "payload")
 LARGEST_FACTOR, LARGEST_LOAD = 100.0, 1e5  # kg
 NEWTON_STEPS, CLOSE = 50, 1e-12
-FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m^3", "N m/N m", "N m/K")
+FORCES = (
+    "N m",
+    "N",
+    "N m s/rad",
+    "N s/m",
+    "N m/rad",
+    "N/m",
+    "N m/rad^3",
+    "N/m^3",
+    "N m/N m",
+    "N m/K",
+)
 
 
 @dataclass(frozen=True)
@@ -63,20 +74,28 @@ def plants_of(model: RobotModel, changes: Mapping[str, Mapping[str, float]]) -> 
         The model does not have such a number, or a factor is out of range.
     """
     numbers = {
-        name: _numbers(model, name, mapping_of(f"plant {name}", given, "changes such as {'stiffness': 0.8}"))
+        name: _numbers(
+            model, name, mapping_of(f"plant {name}", given, "changes such as {'stiffness': 0.8}")
+        )
         for name, given in changes.items()
     }
     used = {parameter for values in numbers.values() for parameter in values}
     parameters = tuple(p for p in select(model, sorted(used))) if used else ()
     values = np.array([[own.get(p.name, p.value) for p in parameters] for own in numbers.values()])
-    loads = tuple(_load(model, given["payload"]) if "payload" in given else "" for given in changes.values())
+    loads = tuple(
+        _load(model, given["payload"]) if "payload" in given else "" for given in changes.values()
+    )
     return Plants(tuple(numbers), parameters, values.reshape(len(numbers), len(parameters)), loads)
 
 
 def _load(model: RobotModel, mass: float) -> str:
     """The mass that is added to the payload, and where."""
     place = f"[{', '.join(f'{x:g}' for x in model.payload.com)}] m in the frame of the last tip"
-    at = "at the tool" if model.payload.com == model.tool.position else "at the center of mass of the payload"
+    at = (
+        "at the tool"
+        if model.payload.com == model.tool.position
+        else "at the center of mass of the payload"
+    )
     return f"{mass:+g} kg {at}, {place}"
 
 
@@ -96,10 +115,19 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
             out["payload.mass"] = mass.value + given
             continue
         if not 0 <= given <= LARGEST_FACTOR:
-            raise ArgumentError(f"{what}: given the factor {given}, expected 0 to {LARGEST_FACTOR:g}")
+            raise ArgumentError(
+                f"{what}: given the factor {given}, expected 0 to {LARGEST_FACTOR:g}"
+            )
         known = _select_known(model, key)
-        if not known or (len(changes) == 1 and given != 1 and key not in KINDS and not any(p.value for p in known)):
-            raise ArgumentError(f"{what}: the model {model.name} has no number of this kind{' but 0' * bool(known)}")
+        if not known or (
+            len(changes) == 1
+            and given != 1
+            and key not in KINDS
+            and not any(p.value for p in known)
+        ):
+            raise ArgumentError(
+                f"{what}: the model {model.name} has no number of this kind{' but 0' * bool(known)}"
+            )
         for parameter in known:
             if key not in KINDS or key == "lost_motion" or parameter.unit in FORCES:
                 out[parameter.name] = parameter.value * given
@@ -132,7 +160,11 @@ class LocalDynamics:
 
     def under(self, force: ProcessForce | None, t: float) -> LocalDynamics:
         """The same under the force on the tool at the instant ``t`` [s], where there is one."""
-        return self if force is None else LocalDynamics(self.equations.pushed_by(force.at(np.array([t]))[0]))
+        return (
+            self
+            if force is None
+            else LocalDynamics(self.equations.pushed_by(force.at(np.array([t]))[0]))
+        )
 
     def rest(
         self, q_m: np.ndarray, values: np.ndarray, start: np.ndarray, more: np.ndarray | float = 0.0
@@ -145,8 +177,12 @@ class LocalDynamics:
         y, tau = np.concatenate([start, q_m[list(model.i_m)]]), np.zeros(n_m)
         for _ in range(NEWTON_STEPS):
             arguments = self._motion(y[None], q_m, tau)
-            r_a, r_m = evaluate(self._residual, *arguments, *self._pass_parameters(self._residual, values))
-            R = evaluate(self._jacobians, *arguments, *self._pass_parameters(self._jacobians, values))[1].reshape(n, -1)
+            r_a, r_m = evaluate(
+                self._residual, *arguments, *self._pass_parameters(self._residual, values)
+            )
+            R = evaluate(
+                self._jacobians, *arguments, *self._pass_parameters(self._jacobians, values)
+            )[1].reshape(n, -1)
             r = np.concatenate([r_a.ravel(), r_m.ravel()[list(model.i_m)]]) - more
             A = np.block([[R[:, :n], R[:, 2 * n :]], [self._C, np.zeros((n_m, n_m))]])
             try:
@@ -161,7 +197,9 @@ class LocalDynamics:
             "are too soft for the load there"
         )
 
-    def rests(self, motion: Mapping[str, np.ndarray], values: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    def rests(
+        self, motion: Mapping[str, np.ndarray], values: np.ndarray
+    ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """The same for robots with the numbers ``values`` (lanes, n_p) at the start of a motion ``q_a``, ``q_m``."""
         return tuple(self.rest(motion["q_m"][0], own, motion["q_a"][0]) for own in values)
 
@@ -186,7 +224,9 @@ class LocalDynamics:
         return (values,) if "parameters" in function.name_in() else ()
 
 
-def check_design(model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray]) -> None:
+def check_design(
+    model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray]
+) -> None:
     """ArgumentError unless a sampled controller can be designed at points of a motion."""
     check_positive("sample_s", sample_s, "a time > 0 in s")
     check_not_negative("delay_s", delay_s, "a time >= 0 in s")
@@ -197,7 +237,11 @@ def check_motion(model: RobotModel, motion: Sequence[np.ndarray]) -> None:
     """ArgumentError unless the arrays are points of a motion of the model, see `LocalDynamics.matrices`."""
     widths = [*[model.n_a] * 3, *[model.n_m] * 4]
     shapes = [np.shape(x) for x in motion]
-    if not shapes or [(len(motion[0]), n) for n in widths] != shapes or not all(np.isfinite(x).all() for x in motion):
+    if (
+        not shapes
+        or [(len(motion[0]), n) for n in widths] != shapes
+        or not all(np.isfinite(x).all() for x in motion)
+    ):
         raise ArgumentError(
             f"motion: given arrays of shapes {show_value(shapes)}, expected finite q_a, v_a, a_a (k, {model.n_a}) and "
             f"q_m, v_m, a_m, tau_m (k, {model.n_m}) of {model.name}"

@@ -41,18 +41,28 @@ def object_of_file(text: str) -> Any:
     except BuildError as error:
         raise ArgumentError(f"controller: {error}") from error
     except Exception as error:
-        raise ArgumentError(f"{path}: {type(error).__name__} while it was loaded: {error}") from error
+        raise ArgumentError(
+            f"{path}: {type(error).__name__} while it was loaded: {error}"
+        ) from error
     own = {
         key: value
         for key, value in vars(module).items()
-        if isinstance(value, type) and value.__module__ == module.__name__ and hasattr(value, "step")
+        if isinstance(value, type)
+        and value.__module__ == module.__name__
+        and hasattr(value, "step")
     }
     if name and name not in own:
-        raise ArgumentError(f"{path}: given no class {name!r} with step(), expected one of {', '.join(own) or 'none'}")
+        raise ArgumentError(
+            f"{path}: given no class {name!r} with step(), expected one of {', '.join(own) or 'none'}"
+        )
     if not name and len(own) != 1:
-        raise ArgumentError(f"{path}: given {len(own)} classes with step(), expected one, or its name: {path}:Class")
+        raise ArgumentError(
+            f"{path}: given {len(own)} classes with step(), expected one, or its name: {path}:Class"
+        )
     made = own[name] if name else next(iter(own.values()))
     try:
         return made()
     except Exception as error:
-        raise ArgumentError(f"{path}, {made.__name__}(): {type(error).__name__}: {error}") from error
+        raise ArgumentError(
+            f"{path}, {made.__name__}(): {type(error).__name__}: {error}"
+        ) from error

@@ -53,7 +53,9 @@ class MotionReference:
 
     def parts(self, samples: int) -> tuple[np.ndarray, ...]:
         """The motion in the middle of each part of ``samples`` samples."""
-        return self.points(np.minimum(np.arange(0, len(self.time), samples) + samples // 2, len(self.time) - 1))
+        return self.points(
+            np.minimum(np.arange(0, len(self.time), samples) + samples // 2, len(self.time) - 1)
+        )
 
     def rows(self, exact_state: bool = False) -> np.ndarray:
         """All references of a sample side by side, (n, n_ref); see `flexgen.loop.interface.Reference`.
@@ -65,12 +67,16 @@ class MotionReference:
         return np.hstack([m["q_m"], self.y_s, *state, self.held, m["v_m"], m["q_a"], m["v_a"]])
 
 
-def time_grid(first: float, last: float, sample_s: float, before_s: float, after_s: float) -> np.ndarray:
+def time_grid(
+    first: float, last: float, sample_s: float, before_s: float, after_s: float
+) -> np.ndarray:
     """Samples of a controller (n,) [s] around a motion from ``first`` to ``last``, at rest before and after it."""
     before, after = int(np.ceil(before_s / sample_s)), int(np.ceil(after_s / sample_s))
     count = before + int(np.ceil((last - first) / sample_s)) + after + 1
     if count > MOST_SAMPLES:
-        raise ArgumentError(f"sample_time: given {sample_s} s, which makes {count} samples, expected {MOST_SAMPLES}")
+        raise ArgumentError(
+            f"sample_time: given {sample_s} s, which makes {count} samples, expected {MOST_SAMPLES}"
+        )
     return first + sample_s * (np.arange(count) - before)
 
 
@@ -107,31 +113,42 @@ def motion_reference(
     y_s = np.zeros((len(time), library.sizes.get("n_s", 0)))
     if signals is not None:
         force = motion.get("force", np.zeros((len(time), TOOL)))
-        y_s = evaluate(signals, *(motion[name] for name in MOTION[:3]), force)[0].reshape(len(time), -1)
+        y_s = evaluate(signals, *(motion[name] for name in MOTION[:3]), force)[0].reshape(
+            len(time), -1
+        )
     elif "sensors" in library.functions:
         y_s = np.ascontiguousarray(library.sensors(motion["q_a"], motion["v_a"], motion["a_a"]))
     held = hold_torques(trajectory, time, sample_s, delay_s)
     wanted = path.sample(time)
     R_ref = None if wanted.R is None else wanted.R.reshape(len(time), 9)
-    return MotionReference(time, motion, held, y_s, wanted.y[:, :, 0], R_ref, first, last, path.duration)
+    return MotionReference(
+        time, motion, held, y_s, wanted.y[:, :, 0], R_ref, first, last, path.duration
+    )
 
 
-def hold_torques(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:
+def hold_torques(
+    trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float
+) -> np.ndarray:
     """Torques to send at the samples (n, n_m), wherever between two of them the trajectory begins."""
     tau, first = trajectory["tau_m"], float(trajectory.time[0])
     limited = trajectory.meta.get("torque") == "limited"
     degree = read_degree(trajectory.meta)
     late = (time[0] - first) / sample_s
-    late -= np.floor(late + SAME)  # part of a sample that the samples are behind those from the begin of the trajectory
+    # part of a sample that the samples are behind those from the begin of the trajectory
+    late -= np.floor(late + SAME)
     acts = max(delay_s + late * sample_s, 0.0)
-    ticks, values = hold_torque(trajectory.time, tau, "zoh", sample_s, acts, limited=limited, degree=degree)
+    ticks, values = hold_torque(
+        trajectory.time, tau, "zoh", sample_s, acts, limited=limited, degree=degree
+    )
     begin = round((ticks[0] - first) / sample_s)
     at = np.round((time - first) / sample_s - late).astype(int) - begin
     held = values[at.clip(0, len(values) - 1)]
     return np.asarray(np.where((at < 0)[:, None], tau[0], held))
 
 
-def trajectory_of(found: Inversion, begin: float, name: str, force: np.ndarray | None = None) -> Trajectory:
+def trajectory_of(
+    found: Inversion, begin: float, name: str, force: np.ndarray | None = None
+) -> Trajectory:
     """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]; ``force`` (n, 6): on the tool."""
     channels = {name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m")}
     channels |= {"a_m": time_derivative(found.v_m, found.period), "tau_m": found.tau_m}

@@ -19,7 +19,13 @@ from flexgen.loop.margins import LoopAtPose, Margins, loops_at
 from flexgen.loop.plants import NOMINAL
 from flexgen.loop.reference import MotionReference
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
+from flexgen.mechanics.output_columns import (
+    columns_in,
+    output_labels,
+    output_units,
+    turn_angle,
+    unit_of,
+)
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.tool_force import CHANNEL, LABELS
@@ -87,7 +93,10 @@ class PlantRun(Result):
     contact: np.ndarray | None = None
 
     def __repr__(self) -> str:
-        how = self.failure or f"error up to {np.abs(self.error).max(initial=0.0):.3g}, {self.saturated} saturated"
+        how = (
+            self.failure
+            or f"error up to {np.abs(self.error).max(initial=0.0):.3g}, {self.saturated} saturated"
+        )
         return f"<PlantRun {self.name}: {len(self.error)} samples, {how}>"
 
 
@@ -149,14 +158,22 @@ class ControlRun(Result):
         ]
         for run in self.runs[:SHOWN]:
             row = self.figures(run)
-            found = {key: [(row[f"{key}_{u}"], u) for u in UNITS] for key in ("error_max", "dynamic_error_max")}
+            found = {
+                key: [(row[f"{key}_{u}"], u) for u in UNITS]
+                for key in ("error_max", "dynamic_error_max")
+            }
             whole, dynamic = (
-                " and ".join(format_size(x, u) for x, u in each if x is not None) for each in found.values()
+                " and ".join(format_size(x, u) for x, u in each if x is not None)
+                for each in found.values()
             )
             text = run.failure or (
                 f"error up to {whole}, dynamic {dynamic}, torque up to {row['torque_max_Nm']:.4g} N m"
             )
-            full = f", {run.saturated} samples at the torque limit" if run.saturated and not run.failure else ""
+            full = (
+                f", {run.saturated} samples at the torque limit"
+                if run.saturated and not run.failure
+                else ""
+            )
             lines.append(f"  {run.name}: {text}{full}{f', load {run.load}' if run.load else ''}")
         more = len(self.runs) - SHOWN
         return "\n".join([*lines, *([f"  and {more} more robots in .runs"] if more > 0 else [])])
@@ -164,7 +181,11 @@ class ControlRun(Result):
     @property
     def status(self) -> str:
         """``done``, or that of the first robot that failed."""
-        failed = (f"failed: {run.name}: {run.failure}{ADVICE.get(run.failure, '')}" for run in self.runs if run.failure)
+        failed = (
+            f"failed: {run.name}: {run.failure}{ADVICE.get(run.failure, '')}"
+            for run in self.runs
+            if run.failure
+        )
         return next(failed, "done")
 
     @property
@@ -176,7 +197,9 @@ class ControlRun(Result):
         for run in self.runs:
             if run.name == name:
                 return run
-        raise ArgumentError(f"plant: given {name!r}, expected one of {', '.join(run.name for run in self.runs)}")
+        raise ArgumentError(
+            f"plant: given {name!r}, expected one of {', '.join(run.name for run in self.runs)}"
+        )
 
     @property
     def tool_error_max_m(self) -> float | None:
@@ -212,8 +235,14 @@ class ControlRun(Result):
         assumed = self.assumed_force
         for unit, part in (("N", slice(0, 3)), ("Nm", slice(3, 6))):
             if unit == "N" or self.force[:, part].any() or assumed[:, part].any():
-                forces = {"force": self.force, "assumed_force": assumed, "force_error": assumed - self.force}
-                sizes = {name: np.linalg.norm(x[:, part], axis=1).max() for name, x in forces.items()}
+                forces = {
+                    "force": self.force,
+                    "assumed_force": assumed,
+                    "force_error": assumed - self.force,
+                }
+                sizes = {
+                    name: np.linalg.norm(x[:, part], axis=1).max() for name, x in forces.items()
+                }
                 found |= {f"{name}_max_{unit}": float(x) for name, x in sizes.items()}
         return found
 
@@ -223,7 +252,9 @@ class ControlRun(Result):
         for word, unit in (("force", "N"), ("moment", "N m")):
             key = unit.replace(" ", "")
             if f"force_max_{key}" in found:
-                true, assumed, error = (found[f"{x}_max_{key}"] for x in ("force", "assumed_force", "force_error"))
+                true, assumed, error = (
+                    found[f"{x}_max_{key}"] for x in ("force", "assumed_force", "force_error")
+                )
                 lines.append(
                     f"{word} of the process up to {true:.4g} {unit}, in the feedforward up to {assumed:.4g} {unit}, "
                     f"difference up to {error:.4g} {unit}"
@@ -242,7 +273,9 @@ class ControlRun(Result):
 
         ``unit``: default `unit`.
         """
-        return np.asarray(np.linalg.norm(run.error[:, columns_in(self.model, unit or self.unit)], axis=1))
+        return np.asarray(
+            np.linalg.norm(run.error[:, columns_in(self.model, unit or self.unit)], axis=1)
+        )
 
     def dynamic(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
         """Dynamic errors: without the static errors at start and end, (n,) [m or rad]."""
@@ -265,7 +298,12 @@ class ControlRun(Result):
             found: list[float | None] = [None] * 4
             if columns_in(self.model, unit):
                 far, dynamic = self.distance(run, unit), self.dynamic(run, unit)
-                found = [float(far[moving].max()), float(far[-1]), float(far[start]), float(dynamic.max())]
+                found = [
+                    float(far[moving].max()),
+                    float(far[-1]),
+                    float(far[start]),
+                    float(dynamic.max()),
+                ]
             keys = ("error_max", "error_end", "static_error_start", "dynamic_error_max")
             values |= {f"{key}_{unit}": x for key, x in zip(keys, found, strict=True)}
         values["turn_max_rad"] = turn = None if run.turn is None else float(run.turn[moving].max())
@@ -302,14 +340,24 @@ class ControlRun(Result):
         ArgumentError
             A robot is not known, or failed, or none is left; the band is not a positive number.
         """
-        chosen = [run for run in self.runs if not run.failure] if robots is None else [self[name] for name in robots]
+        chosen = (
+            [run for run in self.runs if not run.failure]
+            if robots is None
+            else [self[name] for name in robots]
+        )
         failed = [run.name for run in chosen if run.failure]
         if failed or not chosen:
             given = f"{failed[0]!r}, which failed" if failed else "no robots that reached the end"
-            raise ArgumentError(f"robots: given {given}, expected names of robots that did not fail")
+            raise ArgumentError(
+                f"robots: given {given}, expected names of robots that did not fail"
+            )
         columns, y = columns_in(self.model, self.unit), self.reference.y_ref
         attained = np.array([(y + run.error)[:, columns] for run in chosen])
-        named: dict[str, Any] = {"robots": tuple(run.name for run in chosen), "unit": self.unit, "band": band}
+        named: dict[str, Any] = {
+            "robots": tuple(run.name for run in chosen),
+            "unit": self.unit,
+            "band": band,
+        }
         if self.reference.R_ref is not None:
             forward = derive(self.model).function("forward_kinematics")
             turned = np.array([evaluate(forward, run.q_a)[1] for run in chosen])
@@ -322,10 +370,19 @@ class ControlRun(Result):
     def trajectory(self, name: str = NOMINAL) -> Trajectory:
         """Motion, torques and errors of a robot at the samples of the controller."""
         run, robot = self[name], self.model
-        coordinates, motors = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+        coordinates, motors = (
+            tuple(c.name for c in robot.coordinates),
+            tuple(m.name for m in robot.motors),
+        )
         units = output_units(robot)
         rows = {
-            "q_a": (run.q_a, coordinates, "rad or m", "arm coordinates", tuple(c.unit for c in robot.coordinates)),
+            "q_a": (
+                run.q_a,
+                coordinates,
+                "rad or m",
+                "arm coordinates",
+                tuple(c.unit for c in robot.coordinates),
+            ),
             "q_m": (run.q_m, motors, "rad", "motor angles, motor side", ()),
             "tau_m": (run.tau_m, motors, "N m", "commanded torques, motor side", ()),
             "tau_ff": (self.reference.held, motors, "N m", "feedforward torques, motor side", ()),
@@ -343,7 +400,12 @@ class ControlRun(Result):
         ports = {}
         for key, (x, _, unit, doc, own) in rows.items():
             ports[key] = Port(key, (x.shape[1],), own[0] if len(set(own)) == 1 else unit, doc)
-        meta = {"model": robot.name, "variant": robot.variant, "kind": "closed loop", "controller": self.controller}
+        meta = {
+            "model": robot.name,
+            "variant": robot.variant,
+            "kind": "closed loop",
+            "controller": self.controller,
+        }
         return Trajectory(
             self.reference.time,
             {key: row[0] for key, row in rows.items()},
@@ -369,7 +431,10 @@ class ControlRun(Result):
     def loops(self) -> dict[str, LoopAtPose]:
         """The linear loops at these poses; empty for a law that is not linear."""
         samples = self.pose_samples
-        points, at = self.reference.points(np.array([*samples.values()])), np.array([*samples.values()])
+        points, at = (
+            self.reference.points(np.array([*samples.values()])),
+            np.array([*samples.values()]),
+        )
         found = loops_at(self.model, self.law, self.hardware.sample_s, self.delay_s, points, at)
         return dict(zip(samples, found, strict=False))
 
@@ -391,8 +456,12 @@ class ControlRun(Result):
             "wall_s": self.wall_s,
             "status": self.status,
             **self.force_figures(),
-            "plants": [{k: _replace_nan(v) for k, v in self.figures(run).items()} for run in self.runs],
-            "accuracy": None if all(run.failure for run in self.runs) else self.accuracy().to_dict(),
+            "plants": [
+                {k: _replace_nan(v) for k, v in self.figures(run).items()} for run in self.runs
+            ],
+            "accuracy": None
+            if all(run.failure for run in self.runs)
+            else self.accuracy().to_dict(),
         }
 
 

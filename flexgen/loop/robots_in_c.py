@@ -18,7 +18,9 @@ class Robots(ctypes.Structure):
     _fields_ = [
         *[
             (name, ctypes.c_int32)
-            for name in ("lanes n_a n_m n_g n_y n_ref states steps delay_steps slots history disturbed".split())
+            for name in (
+                "lanes n_a n_m n_g n_y n_ref states steps delay_steps slots history disturbed".split()
+            )
         ],
         ("sample_s", ctypes.c_double),
         *[

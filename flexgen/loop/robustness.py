@@ -26,7 +26,15 @@ from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.statics import hold_motors
-from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
+from flexgen.model.elements import (
+    BacklashSpring,
+    Body,
+    CubicSpring,
+    Element,
+    LinearSpring,
+    RobotModel,
+    Spring,
+)
 from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path
 from flexgen.trajectory import Trajectory
@@ -78,7 +86,9 @@ def perturb(model: RobotModel, plant: Plant) -> RobotModel:
     for name in ("stiffness", "mass"):
         value = getattr(plant, name)
         if not (np.isfinite(value) and value > 0):
-            raise ArgumentError(f"plant {plant.name}: given {name} {value}, expected a positive factor")
+            raise ArgumentError(
+                f"plant {plant.name}: given {name} {value}, expected a positive factor"
+            )
     elements = tuple(_element(element, plant) for element in model.elements)
     return replace(model, elements=elements, payload=_body(model.payload, plant.mass))
 
@@ -89,7 +99,11 @@ def _element(element: Element, plant: Plant) -> Element:
         gear, spring = dof.gear, dof.spring
         if gear is not None and gear.spring is not None:
             gear = replace(gear, spring=_spring(gear.spring, plant.stiffness))
-        dofs.append(replace(dof, gear=gear, spring=None if spring is None else _spring(spring, plant.stiffness)))
+        dofs.append(
+            replace(
+                dof, gear=gear, spring=None if spring is None else _spring(spring, plant.stiffness)
+            )
+        )
     beam = element.beam
     if beam is not None:
         bendings = tuple(replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings)
@@ -160,7 +174,13 @@ def compare_plants(
             for method, solution in solutions.items():
                 if progress is not None:
                     progress(f"robustness: {plant.name}, {control}, {method}")
-                run = _Run(perturbed_robot, path, solution.trajectory, until, gains if control == "feedback" else None)
+                run = _Run(
+                    perturbed_robot,
+                    path,
+                    solution.trajectory,
+                    until,
+                    gains if control == "feedback" else None,
+                )
                 row = {"plant": plant.name, "stiffness": plant.stiffness, "mass": plant.mass}
                 out.append({**row, "control": control, "method": method, **run.figures()})
     return out
@@ -190,16 +210,22 @@ def tool_errors(
         raise ArgumentError(f"control: given {control!r}, expected {' or '.join(CONTROLS)}")
     path = Path(nominal, solution.move)
     gains = _gains(nominal, path, bandwidth or Bandwidth()) if control == "feedback" else None
-    return _Run(robot, path, solution.trajectory, float(solution.trajectory.time[-1]), gains).figures()
+    return _Run(
+        robot, path, solution.trajectory, float(solution.trajectory.time[-1]), gains
+    ).figures()
 
 
-def _gains(equations: Equations, path: Path, bandwidth: Bandwidth) -> tuple[np.ndarray, float, float]:
+def _gains(
+    equations: Equations, path: Path, bandwidth: Bandwidth
+) -> tuple[np.ndarray, float, float]:
     """k_v (n_m) [N m s/rad], k_p and k_i [1/s]."""
     model = equations.model
     M = evaluate(equations.function("mass_matrix"), path.q_start)[0].reshape(model.n_a, model.n_a)
     inverse = np.linalg.inv(model.eta)
     i_g = list(model.i_g)
-    inertia = np.diag(inverse.T @ M[np.ix_(i_g, i_g)] @ inverse) + np.array([motor.inertia for motor in model.motors])
+    inertia = np.diag(inverse.T @ M[np.ix_(i_g, i_g)] @ inverse) + np.array(
+        [motor.inertia for motor in model.motors]
+    )
     return bandwidth.speed * inertia, bandwidth.position, bandwidth.integral
 
 
@@ -217,13 +243,19 @@ class _Run:
         self.equations, self.path, self.gains = equations, path, gains
         t, k = trajectory.time, min(5, len(trajectory.time) - 1)
         self.first, self.last, self.until = float(t[0]), float(t[-1]), float(until)
-        self.torque, self.angle = (make_interp_spline(t, trajectory[name], k=k) for name in ("tau_m", "q_m"))
+        self.torque, self.angle = (
+            make_interp_spline(t, trajectory[name], k=k) for name in ("tau_m", "q_m")
+        )
         self.speed = self.angle.derivative()
         self.q_start, self.q_m_start = trajectory["q_a"][0], trajectory["q_m"][0]
 
     def figures(self) -> dict[str, Any]:
         """The figures of one row."""
-        names = [f"error_{what}_{unit}" for what in ("max", "start", "moved", "end") for unit in ("m", "rad")]
+        names = [
+            f"error_{what}_{unit}"
+            for what in ("max", "start", "moved", "end")
+            for unit in ("m", "rad")
+        ]
         try:
             t, q_a, torque_max = self._integrate()
         except SolverError:
@@ -270,14 +302,20 @@ class _Run:
 
         held = np.zeros(n_m) if self.gains is None else equilibrium.tau_m - self.torque(self.first)
         start = np.concatenate([equilibrium.q_a, equilibrium.q_m[i_m], np.zeros(n), held])
-        t = np.linspace(self.first, self.until, int(np.ceil((self.until - self.first) / SAMPLE)) + 1)
+        t = np.linspace(
+            self.first, self.until, int(np.ceil((self.until - self.first) / SAMPLE)) + 1
+        )
         atol = np.concatenate([np.full(2 * n, ATOL), np.full(n_m, 1e-6)])
         solver = DOP853(rate, t[0], start, t[-1], rtol=RTOL, atol=atol)
         out, k = np.empty((len(t), n_a)), 1
         out[0] = start[:n_a]
         while k < len(t):
             solver.step()
-            if solver.status == "failed" or not np.isfinite(solver.y).all() or solver.nfev > 1_000_000:
+            if (
+                solver.status == "failed"
+                or not np.isfinite(solver.y).all()
+                or solver.nfev > 1_000_000
+            ):
                 raise SolverError(f"simulation: failed at t = {solver.t:.6g} s")
             dense = solver.dense_output()
             while k < len(t) and t[k] <= solver.t:
@@ -286,7 +324,9 @@ class _Run:
         return t, out, largest
 
 
-def output_errors(equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray) -> dict[str, np.ndarray]:
+def output_errors(
+    equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray
+) -> dict[str, np.ndarray]:
     """Errors of the output against the path at the instants ``t`` (n,): by unit, "m" and "rad", arrays (n, parts).
 
     Of an orientation: sine of the angle times the axis, in world axes.
@@ -297,5 +337,10 @@ def output_errors(equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarr
     if equations.model.output.type == "combination" or sample.R is None:
         return out
     E = evaluate(equations.function("forward_kinematics"), q_a)[1] @ sample.R.transpose(0, 2, 1)
-    turn = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1) / 2
+    turn = (
+        np.stack(
+            [E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1
+        )
+        / 2
+    )
     return {**out, "rad": turn}

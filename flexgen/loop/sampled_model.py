@@ -62,7 +62,8 @@ class PoseModels:
         push = np.vstack([np.zeros((n, 3)), inverse @ J.T])
         geared, twist = elastic_gears(model), np.linalg.inv(model.eta)[:, list(model.i_m)]
         which = [model.i_g.index(i) for i in geared]
-        pairs = inverse[:, geared] - inverse[:, n_a:] @ twist[which].T  # deflection: eta^-1 q_m - q_a
+        # deflection: eta^-1 q_m - q_a
+        pairs = inverse[:, geared] - inverse[:, n_a:] @ twist[which].T
         arm = np.vstack([np.zeros((n, n_a + len(geared))), np.hstack([inverse[:, :n_a], pairs])])
         C = np.hstack([motor_rows(model), np.zeros((model.n_m, n))])
         D, D_arm = np.zeros((model.n_m, model.n_m)), np.zeros((model.n_m, arm.shape[1]))
@@ -71,7 +72,10 @@ class PoseModels:
             rows = np.zeros((len(by_q), 2 * n))
             rows[:, :n_a], rows[:, n : n + n_a] = by_q, by_v
             C = np.vstack([C, rows + by_a @ A[n : n + n_a]])
-            D, D_arm = np.vstack([D, by_a @ B[n : n + n_a]]), np.vstack([D_arm, by_a @ arm[n : n + n_a]])
+            D, D_arm = (
+                np.vstack([D, by_a @ B[n : n + n_a]]),
+                np.vstack([D_arm, by_a @ arm[n : n + n_a]]),
+            )
         W = np.zeros((model.output.size, n))
         W[:, :n_a] = evaluate(self._output, motion[0])[0].reshape(model.output.size, n_a)
         return PoseModel(A, B, push, arm, C, D, D_arm, W)
@@ -89,5 +93,9 @@ def output_jacobian(equations: Equations) -> ca.Function:
     if model.output.type == "combination":
         return ca.Function("W", [q], [ca.SX(ca.DM(model.output.weights))])
     J = equations.function("jacobian")(q)
-    rows = list(range(6)) if model.output.type == "tool_pose" else ["xyz".index(x) for x in model.output.axes]
+    rows = (
+        list(range(6))
+        if model.output.type == "tool_pose"
+        else ["xyz".index(x) for x in model.output.axes]
+    )
     return ca.Function("W", [q], [ca.densify(J[rows, :])])

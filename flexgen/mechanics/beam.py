@@ -40,11 +40,20 @@ class ModalBeam:
 
 def clamped_free_root(k: int) -> float:
     """The k-th root (k = 1, 2, ...) of ``cosh(z) cos(z) = -1``: 1.8751, 4.6941, 7.8548, ..."""
-    from scipy.optimize import brentq  # takes longer to import than all else of a model without beams
+    # takes longer to import than all else of a model without beams
+    from scipy.optimize import brentq
 
     middle = (k - 0.5) * np.pi
     # cos(z) + 1/cosh(z) has the same roots and does not overflow
-    return float(brentq(lambda z: np.cos(z) + 1.0 / np.cosh(z), middle - 0.5, middle + 0.5, xtol=1e-15, rtol=1e-15))
+    return float(
+        brentq(
+            lambda z: np.cos(z) + 1.0 / np.cosh(z),
+            middle - 0.5,
+            middle + 0.5,
+            xtol=1e-15,
+            rtol=1e-15,
+        )
+    )
 
 
 def mode_shape(k: int, length: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,7 +64,11 @@ def mode_shape(k: int, length: float, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
     def shape(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ch, sh, co, si = np.cosh(y), np.sinh(y), np.cos(y), np.sin(y)
-        return ch - co - s * (sh - si), b * (sh + si - s * (ch - co)), b**2 * (ch + co - s * (sh + si))
+        return (
+            ch - co - s * (sh - si),
+            b * (sh + si - s * (ch - co)),
+            b**2 * (ch + co - s * (sh + si)),
+        )
 
     tip = shape(np.array(z))[0]
     phi, slope, curvature = shape(b * np.asarray(x, dtype=float))

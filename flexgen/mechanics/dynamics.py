@@ -131,15 +131,27 @@ def motor_friction(system: System) -> Built:
     """Friction torques of the motors."""
     v_m, model = system.lagrangian.v_m, system.with_symbols
     if loaded := loaded_motors(system.model):
-        raise ArgumentError(f"motor_friction: that of motor {loaded[0]} depends on its load; use loaded_friction")
-    friction = [friction_torque(m.friction, v_m[j], None, model.temperature) for j, m in enumerate(model.motors)]
+        raise ArgumentError(
+            f"motor_friction: that of motor {loaded[0]} depends on its load; use loaded_friction"
+        )
+    friction = [
+        friction_torque(m.friction, v_m[j], None, model.temperature)
+        for j, m in enumerate(model.motors)
+    ]
     return [v_m], ["v_m"], [ca.vertcat(*friction)], ["f_m"]
 
 
 def loaded_friction(system: System) -> Built:
     """Friction torques of the motors, of which some depend on the torques of the gears."""
-    v_m, model, tau_l = system.lagrangian.v_m, system.with_symbols, ca.SX.sym("tau_l", system.model.n_m)
-    friction = [friction_torque(m.friction, v_m[j], tau_l[j], model.temperature) for j, m in enumerate(model.motors)]
+    v_m, model, tau_l = (
+        system.lagrangian.v_m,
+        system.with_symbols,
+        ca.SX.sym("tau_l", system.model.n_m),
+    )
+    friction = [
+        friction_torque(m.friction, v_m[j], tau_l[j], model.temperature)
+        for j, m in enumerate(model.motors)
+    ]
     return [v_m, tau_l], ["v_m", "tau_l"], [ca.vertcat(*friction)], ["f_m"]
 
 
@@ -150,7 +162,12 @@ def motor_harmonics(system: System) -> Built:
     inputs = [ca.SX.sym(name, n) for name in names]
     q_m, *others = motors_of_gears(system.with_symbols, *inputs)
     gain, cogging, _ = given_torques(system.with_symbols, q_m, ca.SX.ones(n))
-    return inputs, names, [q_m, *others, cogging, gain], ["q_m", "v_m", "a_m", "gear_share", "tau_c", "gain_m"]
+    return (
+        inputs,
+        names,
+        [q_m, *others, cogging, gain],
+        ["q_m", "v_m", "a_m", "gear_share", "tau_c", "gain_m"],
+    )
 
 
 def given_torque(system: System) -> Built:
@@ -164,7 +181,10 @@ def rotor_torque(system: System) -> Built:
     """Time derivative of the rotors' axial momentum."""
     lag, names = system.lagrangian, ["q_a", "v_a", "a_a", "v_m", "a_m"]
     inputs = symbols_of(system, names)
-    moving, rates = ca.vertcat(inputs[0], inputs[1], inputs[3]), ca.vertcat(inputs[1], inputs[2], inputs[4])
+    moving, rates = (
+        ca.vertcat(inputs[0], inputs[1], inputs[3]),
+        ca.vertcat(inputs[1], inputs[2], inputs[4]),
+    )
     return inputs, names, [ca.jtimes(lag.momentum_m, moving, rates)], ["tau_r"]
 
 
@@ -174,7 +194,9 @@ def gear_law(system: System) -> Built:
     tau: list[ca.SX] = []
     for k, (gear, ratio) in enumerate(gears(system.with_symbols)):
         spring = gear.spring
-        tau.append(ca.SX(0) if spring is None else ratio * spring_torque(spring, ratio * deflection[k]))
+        tau.append(
+            ca.SX(0) if spring is None else ratio * spring_torque(spring, ratio * deflection[k])
+        )
     dtau = [ca.gradient(torque, deflection[k]) for k, torque in enumerate(tau)]
     return [deflection], ["deflection"], [ca.vertcat(*tau), ca.vertcat(*dtau)], ["tau_p", "dtau_p"]
 
@@ -200,10 +222,17 @@ def forward_dynamics_tool_force(system: System) -> Built:
     """Accelerations under the motors' torques and a force on the tool, and the torques of the elastic gears."""
     n_a, f_tool = system.model.n_a, ca.SX.sym("f_tool", 6)
     pushed = ca.mtimes(jacobian(system)[2][0].T, f_tool)
-    acceleration = system.acceleration_under(ca.vertcat(pushed, ca.SX.zeros(system.model.dof - n_a)))
+    acceleration = system.acceleration_under(
+        ca.vertcat(pushed, ca.SX.zeros(system.model.dof - n_a))
+    )
     a_a, a_me = acceleration[:n_a], acceleration[n_a:]
     outputs = [a_a, system.motor_accelerations(a_a, a_me), system.lagrangian.tau_g]
-    return [*symbols_of(system, STATE), f_tool], [*STATE, "f_tool"], outputs, ["a_a", "a_m", "tau_g"]
+    return (
+        [*symbols_of(system, STATE), f_tool],
+        [*STATE, "f_tool"],
+        outputs,
+        ["a_a", "a_m", "tau_g"],
+    )
 
 
 def tool_motion(system: System) -> Built:

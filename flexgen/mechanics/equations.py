@@ -103,7 +103,9 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
     def pushed_by(self, force: np.ndarray | None) -> Equations:
         """The same with a constant force and torque (6,) on the tool; the same object for None."""
         if force is not None and (np.shape(force) != (6,) or not np.isfinite(force).all()):
-            raise ArgumentError(f"force: given {show_value(force)}, expected 6 finite numbers, force [N], torque [N m]")
+            raise ArgumentError(
+                f"force: given {show_value(force)}, expected 6 finite numbers, force [N], torque [N m]"
+            )
         return self if force is None else self._with_force(ca.SX(ca.DM(force)))
 
     def _with_force(self, force: ca.SX) -> Equations:
@@ -116,7 +118,9 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         if name not in self._functions:
             base, kind = split_product(name)
             if base not in BUILDERS:
-                raise ArgumentError(f"function: given {name!r}, expected one of {', '.join(BUILDERS)}")
+                raise ArgumentError(
+                    f"function: given {name!r}, expected one of {', '.join(BUILDERS)}"
+                )
             built = BUILDERS[base](self)
             if kind:
                 from flexgen.mechanics.products import differentiated  # (a solution needs none)
@@ -128,7 +132,11 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
     def sizes(self) -> dict[str, int]:
         """Number of instructions of each function that the model has, by its name."""
         missing = {*INVERSION, *FUNCTIONS} - set(offered_functions(self.model))
-        return {name: int(self.function(name).n_instructions()) for name in BUILDERS if name not in missing}
+        return {
+            name: int(self.function(name).n_instructions())
+            for name in BUILDERS
+            if name not in missing
+        }
 
     def dae(self) -> ImplicitDae:
         """The equations of motion as one implicit DAE ``F(xdot, x, z, u) = 0`` with names and units.
@@ -149,7 +157,10 @@ def with_forces(equations: Equations, more: ca.SX, memory: ca.SX) -> Equations:
     lagrangian = equations.lagrangian
     made, changing = Equations.__new__(Equations), {"residual", "acceleration", "_functions"}
     made.__dict__ = {key: value for key, value in equations.__dict__.items() if key not in changing}
-    made.__dict__ |= {"_functions": {}, "lagrangian": replace(lagrangian, forces=lagrangian.forces + more)}
+    made.__dict__ |= {
+        "_functions": {},
+        "lagrangian": replace(lagrangian, forces=lagrangian.forces + more),
+    }
     made.memory = memory
     return made
 
@@ -210,7 +221,8 @@ def kept_equations(robot: RobotModel) -> Equations:
     """
     text = BytesIO()
     pickler = _OwnParts(text)
-    pickler.fast = True  # two objects that are equal have one text, also where they share parts in other ways
+    # two objects that are equal have one text, also where they share parts in other ways
+    pickler.fast = True
     try:
         pickler.dump(robot)
     except (pickle.PicklingError, AttributeError, TypeError):

@@ -29,10 +29,14 @@ def spring_torque(spring: Spring, d: ca.SX) -> ca.SX:
         low, high, at = spring.low, spring.high, spring.break_at
         inside = low * d + (high - low) / (3 * at**2) * (d * d * d)
         at_break = low * at + (high - low) * at / 3
-        return ca.if_else(ca.fabs(d) <= at, inside, ca.sign(d) * (at_break + high * (ca.fabs(d) - at)))
+        return ca.if_else(
+            ca.fabs(d) <= at, inside, ca.sign(d) * (at_break + high * (ca.fabs(d) - at))
+        )
     if isinstance(spring, PiecewiseSpring):
         low, high, at = spring.low, spring.high, spring.break_at
-        return ca.if_else(ca.fabs(d) <= at, low * d, ca.sign(d) * (low * at + high * (ca.fabs(d) - at)))
+        return ca.if_else(
+            ca.fabs(d) <= at, low * d, ca.sign(d) * (low * at + high * (ca.fabs(d) - at))
+        )
     gap, eps = spring.gap, spring.smoothing
     clipped = (ca.sqrt((d + gap) ** 2 + eps**2) - ca.sqrt((d - gap) ** 2 + eps**2)) / 2
     return spring.stiffness * (d - clipped)
@@ -62,15 +66,23 @@ def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
     beyond = ca.fabs(d) - at
     if isinstance(spring, SmoothSpring):
         inside = low * d**2 / 2 + (high - low) / (12 * at**2) * d**4
-        at_break, torque_at_break = low * at**2 / 2 + (high - low) * at**2 / 12, low * at + (high - low) * at / 3
+        at_break, torque_at_break = (
+            low * at**2 / 2 + (high - low) * at**2 / 12,
+            low * at + (high - low) * at / 3,
+        )
     else:
         inside = low * d**2 / 2
         at_break, torque_at_break = low * at**2 / 2, low * at
-    return ca.if_else(ca.fabs(d) <= at, inside, at_break + torque_at_break * beyond + high * beyond**2 / 2)
+    return ca.if_else(
+        ca.fabs(d) <= at, inside, at_break + torque_at_break * beyond + high * beyond**2 / 2
+    )
 
 
 def friction_torque(
-    friction: Friction, w: ca.SX, load: ca.SX | None = None, temperature: float | ca.SX | None = None
+    friction: Friction,
+    w: ca.SX,
+    load: ca.SX | None = None,
+    temperature: float | ca.SX | None = None,
 ) -> ca.SX:
     """Friction torque [N m or N] at the velocity ``w`` [rad/s or m/s]; it acts against the motion.
 
@@ -83,7 +95,9 @@ def friction_torque(
     if type(friction) in FRICTION_TORQUES:
         return FRICTION_TORQUES[type(friction)](friction, w)
     if not hasattr(friction, "torque"):
-        raise ArgumentError(f"friction: given a {type(friction).__name__}, expected a law with a method torque")
+        raise ArgumentError(
+            f"friction: given a {type(friction).__name__}, expected a law with a method torque"
+        )
     return friction.torque(w)
 
 
@@ -97,14 +111,18 @@ def _smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:
     return torque + friction.offset
 
 
-def _gear_friction(law: GearFriction, w: ca.SX, load: ca.SX | None, temperature: float | ca.SX | None) -> ca.SX:
+def _gear_friction(
+    law: GearFriction, w: ca.SX, load: ca.SX | None, temperature: float | ca.SX | None
+) -> ca.SX:
     if temperature is None or (law.loaded and load is None):
         missing = "the temperature" if temperature is None else "the torque of the gear"
         raise ArgumentError(f'friction: given type = "gear" without {missing}, on which it depends')
     warmer = temperature + law.temperature_rise - law.reference_temperature
     viscous, stribeck, alpha, level = law.viscous, law.stribeck, law.alpha, law.coulomb
     if _there(law.viscous_share):
-        viscous = viscous * (1 - law.viscous_share + law.viscous_share * ca.exp(-warmer / ca.SX(law.viscous_decay)))
+        viscous = viscous * (
+            1 - law.viscous_share + law.viscous_share * ca.exp(-warmer / ca.SX(law.viscous_decay))
+        )
     if _there(law.stribeck_slope):
         stribeck = ca.fmax(0, stribeck + law.stribeck_slope * ca.SX(warmer))
     if _there(law.stribeck_speed_slope):
@@ -118,7 +136,9 @@ def _gear_friction(law: GearFriction, w: ca.SX, load: ca.SX | None, temperature:
         if _there(law.load_stribeck):
             level = level + law.load_stribeck * size * _fade(law.load_alpha * w)
     elif _there(law.load_coulomb) or _there(law.load_stribeck):
-        raise ArgumentError("load_coulomb, load_stribeck: given parameters, expected load_smoothing > 0 in the model")
+        raise ArgumentError(
+            "load_coulomb, load_stribeck: given parameters, expected load_smoothing > 0 in the model"
+        )
     return viscous * w + level * ca.tanh(law.beta * w) + law.offset
 
 

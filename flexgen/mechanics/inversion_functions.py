@@ -58,10 +58,17 @@ def inversion_jacobians(system: System) -> Built:
     return derivative_ports(system, of_output, of_left)
 
 
-def constraint_ports(system: System, target: ca.SX, error: ca.SX, rate: ca.SX, bias: ca.SX) -> Built:
+def constraint_ports(
+    system: System, target: ca.SX, error: ca.SX, rate: ca.SX, bias: ca.SX
+) -> Built:
     """`output_constraint` from the output's error (n_y), its map W (n_y, n_a) and ``W' v_a`` (n_y)."""
     chain = system.lagrangian.chain
-    return [chain.q_a, chain.v_a, target], ["q_a", "v_a", "target"], [error, rate, bias], ["y_err", "W", "Wdot_v"]
+    return (
+        [chain.q_a, chain.v_a, target],
+        ["q_a", "v_a", "target"],
+        [error, rate, bias],
+        ["y_err", "W", "Wdot_v"],
+    )
 
 
 def row_ports(system: System, left: ca.SX) -> Built:
@@ -86,13 +93,22 @@ def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX
     if e:
         row, by_q, by_v, by_a = of_left
         force = lag.arm_forces[e] + lag.tau_e
-        of_output = [*of_output, row - force, by_q - ca.jacobian(force, q), by_v - ca.jacobian(force, v), by_a]
+        of_output = [
+            *of_output,
+            row - force,
+            by_q - ca.jacobian(force, q),
+            by_v - ca.jacobian(force, v),
+            by_a,
+        ]
         names += ["row", "row_q", "row_v", "row_a"]
     return [q, v, a], ["q_a", "v_a", "a_a"], of_output, names
 
 
 def lacks_inertia(
-    model: RobotModel, jacobians: ca.Function, constraint: ca.Function, values: Mapping[str, Sequence[float]]
+    model: RobotModel,
+    jacobians: ca.Function,
+    constraint: ca.Function,
+    values: Mapping[str, Sequence[float]],
 ) -> bool:
     """Whether some motion of the coordinates without motor that keeps the output has no inertia, in every pose.
 
@@ -111,12 +127,17 @@ def lacks_inertia(
         q = amplitude * rng.standard_normal(model.n_a)
         q[i_g] += model.home
         by_a, W = (
-            np.array(f.call({key: x for key, x in {"q_a": q, **values}.items() if key in f.name_in()})[name])
+            np.array(
+                f.call({key: x for key, x in {"q_a": q, **values}.items() if key in f.name_in()})[
+                    name
+                ]
+            )
             for f, name in ((jacobians, "row_a"), (constraint, "W"))
         )
         if not (np.isfinite(by_a).all() and np.isfinite(W).all()):
             return False
-        own = np.sqrt(np.diag(by_a[:, i_e]).clip(np.finfo(float).tiny))  # units of rows and columns: their own inertia
+        # units of rows and columns: their own inertia
+        own = np.sqrt(np.diag(by_a[:, i_e]).clip(np.finfo(float).tiny))
         A = by_a[:, i_e] - by_a[:, i_g] @ np.linalg.lstsq(W[:, i_g], W[:, i_e], rcond=None)[0]
         if np.linalg.svd(A / own / own[:, None], compute_uv=False)[-1] > MASSLESS:
             return False

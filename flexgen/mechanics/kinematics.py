@@ -59,7 +59,9 @@ class Kinematics:
 
 def cross_matrix(a: ca.SX) -> ca.SX:
     """The matrix ``A`` with ``A b = a x b``."""
-    return ca.vertcat(ca.horzcat(0, -a[2], a[1]), ca.horzcat(a[2], 0, -a[0]), ca.horzcat(-a[1], a[0], 0))
+    return ca.vertcat(
+        ca.horzcat(0, -a[2], a[1]), ca.horzcat(a[2], 0, -a[0]), ca.horzcat(-a[1], a[0], 0)
+    )
 
 
 def rotation(axis: np.ndarray, q: ca.SX) -> ca.SX:
@@ -78,7 +80,9 @@ def _parts(axis: bytes) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 def place(frame: Frame, placement: Placement) -> Frame:
     """The frame fixed to ``frame`` at a constant placement."""
-    r, C, back = _constants(*(np.array(x, float).tobytes() for x in (placement.position, placement.rotation)))
+    r, C, back = _constants(
+        *(np.array(x, float).tobytes() for x in (placement.position, placement.rotation))
+    )
     return Frame(
         p=frame.p + ca.mtimes(frame.R, r),
         R=ca.mtimes(frame.R, C),
@@ -111,7 +115,9 @@ def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.S
     return kinetic, potential, body.rotational_drag * ca.dot(frame.w, frame.w) / 2
 
 
-def beam_energies(frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca.SX) -> tuple[ca.SX, ca.SX]:
+def beam_energies(
+    frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca.SX
+) -> tuple[ca.SX, ca.SX]:
     """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q`` and velocities ``v``.
 
     With r = x e_x + u, u = sum phi_k q_k d_k:
@@ -151,8 +157,16 @@ def beam_tip(frame: Frame, element: Element, beam: ModalBeam, q: ca.SX, v: ca.SX
     assert element.beam is not None
     d = ca.SX(ca.DM(beam.direction.T))
     r = ca.SX(ca.DM([element.beam.length, 0.0, 0.0])) + ca.mtimes(d, q)
-    moved = Frame(frame.p + ca.mtimes(frame.R, r), frame.R, frame.w, frame.v + ca.cross(frame.w, r) + ca.mtimes(d, v))
-    for axis, row, sign in ((np.array([0.0, 0.0, 1.0]), 1, 1.0), (np.array([0.0, 1.0, 0.0]), 2, -1.0)):
+    moved = Frame(
+        frame.p + ca.mtimes(frame.R, r),
+        frame.R,
+        frame.w,
+        frame.v + ca.cross(frame.w, r) + ca.mtimes(d, v),
+    )
+    for axis, row, sign in (
+        (np.array([0.0, 0.0, 1.0]), 1, 1.0),
+        (np.array([0.0, 1.0, 0.0]), 2, -1.0),
+    ):
         slope = ca.SX(ca.DM(sign * beam.slope * beam.direction[:, row]))
         moved = _turn(moved, axis, ca.dot(slope, q), ca.dot(slope, v))
     return moved
@@ -166,7 +180,12 @@ def _turn(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
 
 def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
     a = ca.SX(ca.DM(axis))
-    return Frame(frame.p + ca.mtimes(frame.R, a) * q, frame.R, frame.w, frame.v + ca.cross(frame.w, a * q) + a * v)
+    return Frame(
+        frame.p + ca.mtimes(frame.R, a) * q,
+        frame.R,
+        frame.w,
+        frame.v + ca.cross(frame.w, a * q) + a * v,
+    )
 
 
 def corners(model: RobotModel) -> list[tuple[str, int]]:
@@ -220,7 +239,9 @@ def kinematics(model: RobotModel) -> Kinematics:
         frame = place(frame, element.link)
         points[element.name, 2] = frame.p
         spin[element.name], frames[element.name] = frame.w, frame
-        points[element.name, 4] = frame.p + ca.mtimes(frame.R, ca.vertcat(*map(ca.SX, element.body.com)))
+        points[element.name, 4] = frame.p + ca.mtimes(
+            frame.R, ca.vertcat(*map(ca.SX, element.body.com))
+        )
         terms = body_energies(frame, element.body, gravity)
         kinetic, potential, drag = kinetic + terms[0], potential + terms[1], drag + terms[2]
         if element.beam is not None:

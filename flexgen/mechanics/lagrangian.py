@@ -19,7 +19,12 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from flexgen.mechanics.force_laws import friction_torque, spring_energy, spring_torque, stiffness_at_zero
+from flexgen.mechanics.force_laws import (
+    friction_torque,
+    spring_energy,
+    spring_torque,
+    stiffness_at_zero,
+)
 from flexgen.mechanics.kinematics import Kinematics, kinematics
 from flexgen.mechanics.motor_harmonics import gear_angles, gear_rates, given_torques
 from flexgen.model.elements import Gear, RobotModel
@@ -107,12 +112,17 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
     lost = joints.lost + ca.dot(drag, v_a)
     arm_forces = ca.vertcat(*joints.on_arm) - drag
     if force is not None:  # J' f from its power, which the robot receives
-        power = ca.dot(force, ca.vertcat(*(ca.mtimes(chain.tool.R, x) for x in (chain.tool.v, chain.tool.w))))
+        power = ca.dot(
+            force, ca.vertcat(*(ca.mtimes(chain.tool.R, x) for x in (chain.tool.v, chain.tool.w)))
+        )
         arm_forces, lost = arm_forces + ca.gradient(power, v_a), lost - power
     force = ca.SX(arm_forces)
     warm = model.temperature
     friction_m = ca.vertcat(
-        *[friction_torque(m.friction, v_m_all[j], tau_gm[j], warm) for j, m in enumerate(model.motors)]
+        *[
+            friction_torque(m.friction, v_m_all[j], tau_gm[j], warm)
+            for j, m in enumerate(model.motors)
+        ]
     )
     lost = lost + ca.dot(friction_m, v_m_all)
     given, cogging, cogged = given_torques(model, q_m_all, tau_m)
@@ -148,7 +158,9 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
     )
 
 
-def _rotor_energies(model: RobotModel, chain: Kinematics, v_m: ca.SX, v_m_all: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _rotor_energies(
+    model: RobotModel, chain: Kinematics, v_m: ca.SX, v_m_all: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Kinetic energy of bodies and rotors [J], the rotors' share for motors at rest [J], and their axial momentum.
 
     ``v_m`` (n_m): the symbols of the motor velocities, for the momentum; ``v_m_all``: those of motors behind rigid
@@ -219,13 +231,23 @@ def gears(model: RobotModel) -> list[tuple[Gear, float]]:
         dof = model.coordinates[i].dof
         assert dof is not None and dof.gear is not None  # what makes a coordinate actuated
         on_motor = dof.gear.side == "motor" and not dof.gear.rigid
-        out.append((dof.gear, next(m.ratio[0] for m in model.motors if m.drives == (dof.name,)) if on_motor else 1.0))
+        out.append(
+            (
+                dof.gear,
+                next(m.ratio[0] for m in model.motors if m.drives == (dof.name,))
+                if on_motor
+                else 1.0,
+            )
+        )
     return out
 
 
 def gear_stiffness(model: RobotModel, rigid: float = 0.0) -> np.ndarray:
     """Stiffness at zero of the springs of all gears (n_g,) [N m/rad or N/m], arm side; ``rigid`` where one has none."""
-    found = [rigid if g.spring is None else ratio**2 * stiffness_at_zero(g.spring) for g, ratio in gears(model)]
+    found = [
+        rigid if g.spring is None else ratio**2 * stiffness_at_zero(g.spring)
+        for g, ratio in gears(model)
+    ]
     return np.array(found, float)
 
 
@@ -235,7 +257,9 @@ def _elastic_torques(model: RobotModel, chain: Kinematics, joints: list[ca.SX]) 
     for first, beam in chain.modal:
         n = len(beam.slope)
         q, v = chain.q_a[first : first + n], chain.v_a[first : first + n]
-        torque = -ca.mtimes(ca.SX(ca.DM(beam.stiffness)), q) - ca.mtimes(ca.SX(ca.DM(beam.damping)), v)
+        torque = -ca.mtimes(ca.SX(ca.DM(beam.stiffness)), q) - ca.mtimes(
+            ca.SX(ca.DM(beam.damping)), v
+        )
         torques.update({first + k: torque[k] for k in range(n)})
     rest = iter(joints)
     return ca.vertcat(ca.SX(0, 1), *[torques[i] if i in torques else next(rest) for i in model.i_e])

@@ -22,7 +22,8 @@ from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 
 ToolMotion = tuple[np.ndarray, np.ndarray]  # speed and acceleration of its origin (n,)
-Channel = Callable[[str], np.ndarray]  # an array (n, k) of samples by name: q_a v_a a_a tau_g v_m tau_m
+# an array (n, k) of samples by name: q_a v_a a_a tau_g v_m tau_m
+Channel = Callable[[str], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -100,33 +101,63 @@ def limit_rows(
     """
     left = 1.0 - limits.reserve
     motors = tuple(motor.name for motor in model.motors)
-    joints, springs = (tuple(model.coordinates[i].name for i in part) for part in (model.i_g, model.i_e))
-    units_g, units_e = (tuple(model.coordinates[i].unit for i in part) for part in (model.i_g, model.i_e))
+    joints, springs = (
+        tuple(model.coordinates[i].name for i in part) for part in (model.i_g, model.i_e)
+    )
+    units_g, units_e = (
+        tuple(model.coordinates[i].unit for i in part) for part in (model.i_g, model.i_e)
+    )
     i_g, i_e = list(model.i_g), list(model.i_e)
     of_gear = tuple("N m" if unit == "rad" else "N" for unit in units_g)
     speeds_g, rates_g = (tuple(f"{unit}/{per}" for unit in units_g) for per in ("s", "s^2"))
     shares = {"torque": left, "gear_torque": left}
-    simple: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...], Callable[[], np.ndarray]], ...] = (
+    simple: tuple[
+        tuple[str, str, tuple[str, ...], tuple[str, ...], Callable[[], np.ndarray]], ...
+    ] = (
         ("torque", "motor torque", _each("N m", motors), motors, lambda: channel("tau_m")),
         ("speed", "motor speed", _each("rad/s", motors), motors, lambda: channel("v_m")),
         ("deflection", "deflection", units_e, springs, lambda: channel("q_a")[:, i_e]),
-        ("torque_rate", "rate of the torque", _each("N m/s", motors), motors, lambda: _rate(channel("tau_m"), time)),
+        (
+            "torque_rate",
+            "rate of the torque",
+            _each("N m/s", motors),
+            motors,
+            lambda: _rate(channel("tau_m"), time),
+        ),
         ("gear_torque", "gear torque", of_gear, joints, lambda: channel("tau_g")),
         ("joint_speed", "speed", speeds_g, joints, lambda: channel("v_a")[:, i_g]),
         ("joint_acceleration", "acceleration", rates_g, joints, lambda: channel("a_a")[:, i_g]),
     )
     for key, quantity, units, names, values in simple:
         if getattr(limits, key) is not None:
-            yield _row(quantity, units, names, values(), shares.get(key, 1.0) * limits.bounds(key, len(names)))
+            yield _row(
+                quantity,
+                units,
+                names,
+                values(),
+                shares.get(key, 1.0) * limits.bounds(key, len(names)),
+            )
     if limits.torque_speed is not None:
         yield from _curve_rows(limits, motors, channel("tau_m"), channel("v_m"))
     if limits.torque_rms is not None:
         times = limits.bounds("thermal_time", model.n_m)
         effective = _effective(channel("tau_m"), times, time, end)
-        yield _row("effective torque", _each("N m", motors), motors, effective, limits.bounds("torque_rms", model.n_m))
+        yield _row(
+            "effective torque",
+            _each("N m", motors),
+            motors,
+            effective,
+            limits.bounds("torque_rms", model.n_m),
+        )
     if limits.gear_torque_rms is not None:
         effective = _effective(channel("tau_g"), np.full(model.n_g, np.inf), time, end)
-        yield _row("effective gear torque", of_gear, joints, effective, limits.bounds("gear_torque_rms", model.n_g))
+        yield _row(
+            "effective gear torque",
+            of_gear,
+            joints,
+            effective,
+            limits.bounds("gear_torque_rms", model.n_g),
+        )
     if limits.tool_speed is not None or limits.tool_acceleration is not None:
         known = tool or partial(tool_motion, derive(model), *map(channel, ("q_a", "v_a", "a_a")))
         yield from _tool_rows(limits, known())
@@ -145,21 +176,31 @@ def uses_of_limits(
             if np.isfinite(row.bounds[at[k], k]) and (known is None or part > known.part):
                 when = None if len(row.parts) == 1 else float(time[at[k]])
                 bound = max(float(row.bounds[at[k], k]), 0.0)
-                out[row.quantity, name] = LimitUse(row.quantity, name, row.units[k], part, value, bound, when)
+                out[row.quantity, name] = LimitUse(
+                    row.quantity, name, row.units[k], part, value, bound, when
+                )
     return tuple(out.values())
 
 
 def _row(
-    quantity: str, units: tuple[str, ...], names: tuple[str, ...], values: np.ndarray, bounds: np.ndarray
+    quantity: str,
+    units: tuple[str, ...],
+    names: tuple[str, ...],
+    values: np.ndarray,
+    bounds: np.ndarray,
 ) -> LimitRow:
-    return LimitRow(quantity, units, names, values / bounds, values, np.broadcast_to(bounds, values.shape))
+    return LimitRow(
+        quantity, units, names, values / bounds, values, np.broadcast_to(bounds, values.shape)
+    )
 
 
 def _each(unit: str, names: tuple[str, ...]) -> tuple[str, ...]:
     return (unit,) * len(names)
 
 
-def _curve_rows(limits: Limits, motors: tuple[str, ...], tau: np.ndarray, speed: np.ndarray) -> Iterator[LimitRow]:
+def _curve_rows(
+    limits: Limits, motors: tuple[str, ...], tau: np.ndarray, speed: np.ndarray
+) -> Iterator[LimitRow]:
     """Of each motor with a curve its edges c (torque at rest) and k, for both signs of the torque, and its end."""
     left = 1.0 - limits.reserve
     for j, (name, curve) in enumerate(zip(motors, limits.torque_speed or (), strict=True)):
@@ -168,10 +209,18 @@ def _curve_rows(limits: Limits, motors: tuple[str, ...], tau: np.ndarray, speed:
         c, k = edges_of_curve(curve).T
         own, load = tau[:, j : j + 1], np.abs(speed[:, j : j + 1]) * k
         parts = np.hstack([own / left + load, own / left - load]) / np.tile(c, 2)
-        values, allowed = (np.tile(x, (1, 2 * len(k) // x.shape[1])) for x in (own, left * (c - load)))
+        values, allowed = (
+            np.tile(x, (1, 2 * len(k) // x.shape[1])) for x in (own, left * (c - load))
+        )
         names = (name,) * len(parts.T)
         yield LimitRow("torque at its speed", _each("N m", names), names, parts, values, allowed)
-        yield _row("speed of its torque curve", ("rad/s",), (name,), speed[:, j : j + 1], np.array([curve[-1][0]]))
+        yield _row(
+            "speed of its torque curve",
+            ("rad/s",),
+            (name,),
+            speed[:, j : j + 1],
+            np.array([curve[-1][0]]),
+        )
 
 
 def edges_of_curve(points: Sequence[Sequence[float]]) -> np.ndarray:
@@ -191,7 +240,9 @@ def _rate(values: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.diff(values, axis=0) / np.diff(time)[:, None]
 
 
-def _effective(values: np.ndarray, constants: np.ndarray, time: np.ndarray, end: float) -> np.ndarray:
+def _effective(
+    values: np.ndarray, constants: np.ndarray, time: np.ndarray, end: float
+) -> np.ndarray:
     """Effective values (n, k), or (1, k) where all time constants are infinite."""
     on_path = slice(None) if np.isinf(end) else (time >= 0.0) & (time <= end)
     mean = np.sqrt((values[on_path] ** 2).mean(axis=0, keepdims=True))
@@ -221,7 +272,10 @@ def norms(*vectors: np.ndarray) -> ToolMotion:
 
 
 def _tool_rows(limits: Limits, motion: ToolMotion) -> Iterator[LimitRow]:
-    named = (("speed", "m/s", limits.tool_speed), ("acceleration", "m/s^2", limits.tool_acceleration))
+    named = (
+        ("speed", "m/s", limits.tool_speed),
+        ("acceleration", "m/s^2", limits.tool_acceleration),
+    )
     for (quantity, unit, bound), values in zip(named, motion, strict=True):
         if bound is not None:
             yield _row(quantity, (unit,), ("the tool",), values[:, None], np.array([bound]))

@@ -34,7 +34,8 @@ EACH = {
     "joint_acceleration": "gear",
 }
 KEPT = ("torque", "speed", "deflection")  # by all methods of `solve` that keep limits
-KEPT_TO = 1.1e-3  # relative: the method lq keeps limits to a thousandth, in samples of a rougher tolerance
+# relative: the method lq keeps limits to a thousandth, in samples of a rougher tolerance
+KEPT_TO = 1.1e-3
 
 
 @checked_class
@@ -103,7 +104,9 @@ class Limits:
         for name, unit in (("tool_speed", "m/s"), ("tool_acceleration", "m/s^2")):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value > 0):
-                raise ArgumentError(f"limits: given {name} {show_value(value)}, expected a number > 0 in {unit}")
+                raise ArgumentError(
+                    f"limits: given {name} {show_value(value)}, expected a number > 0 in {unit}"
+                )
         if not (is_number(self.reserve) and 0.0 <= self.reserve < 1.0):
             raise ArgumentError(
                 f"limits: given reserve {show_value(self.reserve)}, expected a number from 0 to below 1"
@@ -168,7 +171,11 @@ class Limits:
     def merge(self, robot: RobotModel) -> Limits:
         """These limits, and those of the model file of the kinds that have no bounds here."""
         own = limits_of_model(robot)
-        more = {one.name: getattr(own, one.name) for one in fields(self) if getattr(self, one.name) is None}
+        more = {
+            one.name: getattr(own, one.name)
+            for one in fields(self)
+            if getattr(self, one.name) is None
+        }
         merged = replace(self, **more)
         if merged.thermal_time is not None and merged.torque_rms is None:
             raise ArgumentError(
@@ -182,7 +189,9 @@ class Limits:
         ArgumentError where the sizes differ.
         """
         torque = _bounds("torque", self.torque, n_m)
-        return torque * (1.0 - self.reserve) if self.reserve else torque, _bounds("speed", self.speed, n_m)
+        return torque * (1.0 - self.reserve) if self.reserve else torque, _bounds(
+            "speed", self.speed, n_m
+        )
 
     def deflections(self, n_e: int) -> np.ndarray:
         """Bounds of the non-actuated coordinates (n_e,), infinite where there is none."""
@@ -191,7 +200,9 @@ class Limits:
     def bounds(self, name: str, size: int) -> np.ndarray:
         """Bounds of one kind (size,), infinite where there is none; ArgumentError for another kind or number."""
         if name not in EACH:
-            raise ArgumentError(f"limits: given kind {show_value(name)}, expected one of {', '.join(EACH)}")
+            raise ArgumentError(
+                f"limits: given kind {show_value(name)}, expected one of {', '.join(EACH)}"
+            )
         return _bounds(name, getattr(self, name), size)
 
     def for_library(self, model: str | Path | RobotModel | Equations) -> dict[str, Any]:
@@ -230,21 +241,34 @@ class Limits:
         for k, curve in enumerate(curves):
             if curve:
                 torque[k] = min(torque[k], left * curve[0][1])
-        out = {"torque_max": torque, "speed_max": speed, "deflection_max": self.deflections(robot.n_e)}
+        out = {
+            "torque_max": torque,
+            "speed_max": speed,
+            "deflection_max": self.deflections(robot.n_e),
+        }
         for name in ("gear_torque", "torque_rate", "joint_speed", "joint_acceleration"):
             if getattr(self, name) is not None:
-                out[f"{name}_max"] = (left if name == "gear_torque" else 1.0) * self.bounds(name, sizes[EACH[name]])
+                out[f"{name}_max"] = (left if name == "gear_torque" else 1.0) * self.bounds(
+                    name, sizes[EACH[name]]
+                )
         more: dict[str, Any] = {}
         if robot.output.type in ("tool_pose", "tool_position"):
-            more = {f"{name}_max": getattr(self, name) or 0.0 for name in ("tool_speed", "tool_acceleration")}
+            more = {
+                f"{name}_max": getattr(self, name) or 0.0
+                for name in ("tool_speed", "tool_acceleration")
+            }
         if self.torque_speed is not None:
-            more["torque_speed"] = [[(v, left * tau) for v, tau in curve] for curve in self.torque_speed]
+            more["torque_speed"] = [
+                [(v, left * tau) for v, tau in curve] for curve in self.torque_speed
+            ]
         return out | more
 
     def without(self, *names: str) -> Limits:
         """These limits without the named kinds."""
         if unknown := set(names) - {*EACH, "torque_speed", "tool_speed", "tool_acceleration"}:
-            raise ArgumentError(f"limits: given kinds {show_value(sorted(unknown))}, expected fields of flexgen.Limits")
+            raise ArgumentError(
+                f"limits: given kinds {show_value(sorted(unknown))}, expected fields of flexgen.Limits"
+            )
         none: dict[str, Any] = dict.fromkeys(names)
         return replace(self, **none)
 
@@ -254,13 +278,20 @@ def limits_of_model(robot: RobotModel) -> Limits:
 
     def known(parts: Sequence[Any], name: str) -> Any:
         values = [getattr(part, name, None) for part in parts]
-        return None if all(x is None for x in values) else tuple(np.inf if x is None else float(x) for x in values)
+        return (
+            None
+            if all(x is None for x in values)
+            else tuple(np.inf if x is None else float(x) for x in values)
+        )
 
     gears = [c.dof.gear for c in robot.coordinates if c.dof is not None and c.dof.gear is not None]
     springs = [robot.coordinates[i].dof for i in robot.i_e]
     curves = tuple(motor.torque_speed for motor in robot.motors)
     tool = robot.tool if isinstance(robot.tool, Tool) else Tool()
-    motors = {name: known(robot.motors, f"{name}_max") for name in ("torque", "speed", "torque_rate", "torque_rms")}
+    motors = {
+        name: known(robot.motors, f"{name}_max")
+        for name in ("torque", "speed", "torque_rate", "torque_rms")
+    }
     return Limits(
         **motors,
         deflection=known(springs, "deflection_max"),
@@ -275,7 +306,11 @@ def limits_of_model(robot: RobotModel) -> Limits:
 
 def _are_numbers(values: Any) -> bool:
     """Whether the values are a sequence or an array of real numbers; their signs and their number are free."""
-    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray) or np.ndim(values) != 1:
+    if (
+        isinstance(values, str | bytes)
+        or not isinstance(values, Sequence | np.ndarray)
+        or np.ndim(values) != 1
+    ):
         return False
     return all(isinstance(x, Real) and not isinstance(x, bool | np.bool_) for x in values)
 
@@ -285,12 +320,16 @@ def _check_curve(curve: Any) -> None:
     from flexgen.spec.curve import TORQUE_SPEED, points_of
 
     if points_of(curve) is None:
-        raise ArgumentError(f"limits: given torque_speed {show_value(curve)}, expected {TORQUE_SPEED}")
+        raise ArgumentError(
+            f"limits: given torque_speed {show_value(curve)}, expected {TORQUE_SPEED}"
+        )
 
 
 def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
     if not is_whole(size, 0, MOST):
-        raise ArgumentError(f"limits, number of {name} bounds: given {show_value(size)}, expected 0 to {MOST}")
+        raise ArgumentError(
+            f"limits, number of {name} bounds: given {show_value(size)}, expected 0 to {MOST}"
+        )
     if values is None:
         return np.full(size, np.inf)
     try:

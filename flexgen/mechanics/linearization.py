@@ -47,7 +47,9 @@ def residual_jacobians(system: System) -> Built:
     return symbols_of(system, MOTION), MOTION, [system.mass, R], ["M_y", "R_y"]
 
 
-def second_order_matrices(M: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def second_order_matrices(
+    M: np.ndarray, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Matrices of the linearized equations of motion ``M ddy + D dy + K y = B tau_m``.
 
     Parameters
@@ -63,7 +65,8 @@ def second_order_matrices(M: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.
     B : array (..., n, n_m)
     """
     n = R.shape[-2]
-    return M.reshape(*R.shape[:-1], n), R[..., n : 2 * n], R[..., :n], 0.0 - R[..., 2 * n :]  # (no zeros with a sign)
+    # (no zeros with a sign)
+    return M.reshape(*R.shape[:-1], n), R[..., n : 2 * n], R[..., :n], 0.0 - R[..., 2 * n :]
 
 
 def check_inertia(model: RobotModel, M: np.ndarray) -> None:

@@ -36,10 +36,14 @@ def fourier_sum(given: FourierSum, q: ca.SX, orders: int = 1) -> list[ca.SX]:
             turned[k] = (a * c - b * s, b * c + a * s)
         return turned[k]
 
-    terms = [(k, c, s, *turn(k)) for k, c, s in zip(given.harmonics, given.cos, given.sin, strict=True)]
+    terms = [
+        (k, c, s, *turn(k)) for k, c, s in zip(given.harmonics, given.cos, given.sin, strict=True)
+    ]
     out = []
     for order in range(orders):
-        parts = [((c * x + s * y), (s * x - c * y))[order % 2] * k**order for k, c, s, x, y in terms]
+        parts = [
+            ((c * x + s * y), (s * x - c * y))[order % 2] * k**order for k, c, s, x, y in terms
+        ]
         out.append((1, 1, -1, -1)[order % 4] * sum(parts, ca.SX(0)))
     return out
 
@@ -58,14 +62,21 @@ def transmission_errors(model: RobotModel) -> dict[int, tuple[int, FourierSum]]:
         dof = model.coordinates[i].dof
         assert dof is not None and dof.gear is not None  # what makes a coordinate actuated
         if dof.gear.transmission_error is not None:
-            out[k] = next(j for j, m in enumerate(model.motors) if m.drives == (dof.name,)), dof.gear.transmission_error
+            out[k] = (
+                next(j for j, m in enumerate(model.motors) if m.drives == (dof.name,)),
+                dof.gear.transmission_error,
+            )
     return out
 
 
 def highest_harmonics(model: RobotModel) -> np.ndarray:
     """The highest harmonic of each motor's angle (n_m,), 0 where it has none."""
     out = np.zeros(model.n_m)
-    sums = [(j, each) for j, motor in enumerate(model.motors) for each in (motor.cogging, motor.torque_ripple)]
+    sums = [
+        (j, each)
+        for j, motor in enumerate(model.motors)
+        for each in (motor.cogging, motor.torque_ripple)
+    ]
     for j, given in (*sums, *transmission_errors(model).values()):
         if given is not None:
             out[j] = max(out[j], *given.harmonics)
@@ -93,7 +104,9 @@ def given_torques(model: RobotModel, q_m: ca.SX, tau_m: ca.SX) -> tuple[ca.SX, c
     given, cogging, stored = [], [], ca.SX(0)
     for j, motor in enumerate(model.motors):
         ripple, pull = motor.torque_ripple, motor.cogging
-        given.append(tau_m[j] if ripple is None else tau_m[j] * (1 + fourier_sum(ripple, q_m[j])[0]))
+        given.append(
+            tau_m[j] if ripple is None else tau_m[j] * (1 + fourier_sum(ripple, q_m[j])[0])
+        )
         cogging.append(ca.SX(0) if pull is None else fourier_sum(pull, q_m[j])[0])
         if pull is not None:
             stored = stored - fourier_integral(pull, q_m[j])
@@ -106,7 +119,11 @@ def _steps(error: FourierSum, ratio: float) -> tuple[int, int]:
     Of an error with run-time parameters for all that are less steep than `STEEPEST`.
     """
     if any(isinstance(x, ca.SX) for x in (*error.cos, *error.sin)):
-        size, slope, bend = STEEPEST / min(error.harmonics), STEEPEST, STEEPEST * max(error.harmonics)
+        size, slope, bend = (
+            STEEPEST / min(error.harmonics),
+            STEEPEST,
+            STEEPEST * max(error.harmonics),
+        )
     else:
         size, slope, bend = (abs(ratio) * error.bound(order) for order in range(3))
     curvature, fixed, newton = bend / (2 * (1 - slope)), 1, 0
@@ -118,7 +135,9 @@ def _steps(error: FourierSum, ratio: float) -> tuple[int, int]:
     return fixed, newton
 
 
-def motors_of_gears(model: RobotModel, w: ca.SX, dw: ca.SX, ddw: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+def motors_of_gears(
+    model: RobotModel, w: ca.SX, dw: ca.SX, ddw: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Motor angles, speeds and accelerations, and the parts ``1 - n e'`` of the gear torques that the motors carry.
 
     ``w`` (n_m,): motor angles of gears without transmission error, ``eta (q_g + d)``, and two derivatives.
@@ -129,7 +148,11 @@ def motors_of_gears(model: RobotModel, w: ca.SX, dw: ca.SX, ddw: ca.SX) -> tuple
         fixed, newton = _steps(error, ratio)
         for step in range(fixed + newton):
             value, slope = fourier_sum(error, q[j], 2)
-            q[j] = w[j] + ratio * value if step < fixed else q[j] - (q[j] - ratio * value - w[j]) / (1 - ratio * slope)
+            q[j] = (
+                w[j] + ratio * value
+                if step < fixed
+                else q[j] - (q[j] - ratio * value - w[j]) / (1 - ratio * slope)
+            )
         _, slope, bend = fourier_sum(error, q[j], 3)
         share[j] = 1 - ratio * slope
         v[j] = dw[j] / share[j]
@@ -152,7 +175,9 @@ def carried_along(model: RobotModel, q_m: np.ndarray, tau_g: np.ndarray) -> np.n
         return np.asarray(tau_g @ np.linalg.inv(model.eta))
     angles, torques = ca.SX.sym("q_m", model.n_m), ca.SX.sym("tau_g", model.n_g)
     carried = ca.densify(ca.mtimes(gear_rates(model, angles).T, torques))
-    return evaluate(ca.Function("carried", [angles, torques], [carried]), q_m, tau_g)[0].reshape(len(q_m), -1)
+    return evaluate(ca.Function("carried", [angles, torques], [carried]), q_m, tau_g)[0].reshape(
+        len(q_m), -1
+    )
 
 
 @dataclass(frozen=True)
@@ -171,7 +196,10 @@ class MotorStage:
 
 
 def motor_stage(
-    function: Callable[[str], ca.Function], model: RobotModel, theta: Sequence[np.ndarray], tau_g: np.ndarray
+    function: Callable[[str], ca.Function],
+    model: RobotModel,
+    theta: Sequence[np.ndarray],
+    tau_g: np.ndarray,
 ) -> MotorStage:
     """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n, n_g).
 

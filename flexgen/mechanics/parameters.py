@@ -44,7 +44,14 @@ _SPRING_UNITS = {
     "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
     "smoothing": "rad",
 }  # fmt: skip
-_LINEAR = {"N m/rad": "N/m", "N m/rad^3": "N/m^3", "rad": "m", "N m s/rad": "N s/m", "N m": "N", "s/rad": "s/m"}
+_LINEAR = {
+    "N m/rad": "N/m",
+    "N m/rad^3": "N/m^3",
+    "rad": "m",
+    "N m s/rad": "N s/m",
+    "N m": "N",
+    "s/rad": "s/m",
+}
 
 
 @dataclass(frozen=True)
@@ -110,7 +117,9 @@ def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
     for name in names:
         if name not in known:
             # numbers in no group (zero in the file, inertias of rotors) are too many to list
-            listed = sorted(known - {parameter.name for parameter, groups in every if len(groups) == 1})
+            listed = sorted(
+                known - {parameter.name for parameter, groups in every if len(groups) == 1}
+            )
             raise ArgumentError(f"parameters: given {name!r}, expected some of {', '.join(listed)}")
     return tuple(parameter for parameter, groups in every if any(name in groups for name in names))
 
@@ -165,15 +174,26 @@ def _walk(model: RobotModel, visit: Visit) -> RobotModel:
     elements = tuple(
         replace(
             element,
-            dofs=tuple(_dof(dof, f"element.{element.name}.dof.{dof.name}", visit) for dof in element.dofs),
+            dofs=tuple(
+                _dof(dof, f"element.{element.name}.dof.{dof.name}", visit) for dof in element.dofs
+            ),
             body=_body(element.body, element.name, visit),
         )
         for element in model.elements
     )
     motors, warm = tuple(_motor(motor, visit) for motor in model.motors), model.temperature
     if any(isinstance(motor.friction, GearFriction) for motor in model.motors):
-        warm = visit(Parameter("temperature", warm, "deg C", "motors and gears", "temperature"), "temperature")
-    return replace(model, elements=elements, motors=motors, payload=_payload(model.payload, visit), temperature=warm)
+        warm = visit(
+            Parameter("temperature", warm, "deg C", "motors and gears", "temperature"),
+            "temperature",
+        )
+    return replace(
+        model,
+        elements=elements,
+        motors=motors,
+        payload=_payload(model.payload, visit),
+        temperature=warm,
+    )
 
 
 def _body(body: Body, name: str, visit: Visit) -> Body:
@@ -181,14 +201,18 @@ def _body(body: Body, name: str, visit: Visit) -> Body:
 
     def number(kind: str, value: float, unit: str, key: str) -> Any:
         key = f"element.{name}.body.{key}"
-        return visit(Parameter(f"{name}.{kind}", value, unit, f"body of {name}: {kind}", key, inertia=True))
+        return visit(
+            Parameter(f"{name}.{kind}", value, unit, f"body of {name}: {kind}", key, inertia=True)
+        )
 
     mass = number("mass", body.mass, "kg", "mass")
     com = tuple(
-        number(f"com_{axis}", x, "m", f"com.{k}") for k, (axis, x) in enumerate(zip("xyz", body.com, strict=True))
+        number(f"com_{axis}", x, "m", f"com.{k}")
+        for k, (axis, x) in enumerate(zip("xyz", body.com, strict=True))
     )
     entries = {}
-    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))):  # the order of a model file
+    # the order of a model file
+    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))):
         kind = f"inertia_{'xyz'[i]}{'xyz'[j]}"
         entries[i, j] = entries[j, i] = number(kind, body.inertia[i][j], "kg m^2", f"inertia.{k}")
     inertia = tuple(tuple(entries[i, j] for j in range(3)) for i in range(3))
@@ -197,14 +221,21 @@ def _body(body: Body, name: str, visit: Visit) -> Body:
 
 def _payload(payload: Body, visit: Visit) -> Body:
     mass = visit(
-        Parameter("payload.mass", payload.mass, "kg", "payload: mass", "payload.mass", bound=NOT_NEGATIVE), "payload"
+        Parameter(
+            "payload.mass", payload.mass, "kg", "payload: mass", "payload.mass", bound=NOT_NEGATIVE
+        ),
+        "payload",
     )
     doc = (
         "payload: center of mass in the frame that the tool is attached to; "
         "its inertia about the center stays that of the file"
     )
     com = tuple(
-        visit(Parameter(f"payload.com_{axis}", x, "m", doc, f"payload.com.{k}"), "payload", "payload.com")
+        visit(
+            Parameter(f"payload.com_{axis}", x, "m", doc, f"payload.com.{k}"),
+            "payload",
+            "payload.com",
+        )
         for k, (axis, x) in enumerate(zip("xyz", payload.com, strict=True))
     )
     return replace(payload, mass=mass, com=com)
@@ -213,7 +244,9 @@ def _payload(payload: Body, visit: Visit) -> Body:
 def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
     units = _linear if dof.type == "translation" else _angular
     part = f"{dof.name}, arm side" if dof.gear is not None else dof.name
-    changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, part, units, key, visit)}
+    changes: dict[str, Any] = {
+        "friction": _friction(dof.friction, dof.name, part, units, key, visit)
+    }
     if dof.counterbalance:
         changes["counterbalance"] = tuple(
             tuple(
@@ -238,20 +271,39 @@ def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
 def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     if gear.spring is None:
         return gear
-    joint, part, units = units, f"{name}, {gear.side} side", _angular if gear.side == "motor" else units
+    joint, part, units = (
+        units,
+        f"{name}, {gear.side} side",
+        _angular if gear.side == "motor" else units,
+    )
     spring = _spring(gear.spring, name, part, units, f"{key}.spring", visit)
     damping = _damping(gear.damping, name, part, units, key, visit)
     # (in units of the joint, whatever the side of the spring)
-    error = _fourier_sum(gear.transmission_error, f"{name}.transmission_error", joint("rad"), key, visit)
+    error = _fourier_sum(
+        gear.transmission_error, f"{name}.transmission_error", joint("rad"), key, visit
+    )
     at, own = f"{key}.hysteresis", f"hysteresis of {part}"
 
     def element(given: HysteresisLaw, n: str, place: str) -> HysteresisLaw:
         """``n``, ``place``: ends of its names, and of its key where there are several."""
-        lost = Parameter(f"{name}.lost_motion{n}", given.lost_motion, joint("rad"), own, f"{at}{place}.lost_motion")
-        stiff = Parameter(
-            f"{name}.hysteresis_stiffness{n}", given.stiffness, units("N m/rad"), own, f"{at}{place}.stiffness"
+        lost = Parameter(
+            f"{name}.lost_motion{n}",
+            given.lost_motion,
+            joint("rad"),
+            own,
+            f"{at}{place}.lost_motion",
         )
-        of_gear = [f"{name}.lost_motion"] if n else [], [f"{name}.hysteresis_stiffness"] if n else []
+        stiff = Parameter(
+            f"{name}.hysteresis_stiffness{n}",
+            given.stiffness,
+            units("N m/rad"),
+            own,
+            f"{at}{place}.stiffness",
+        )
+        of_gear = (
+            [f"{name}.lost_motion"] if n else [],
+            [f"{name}.hysteresis_stiffness"] if n else [],
+        )
         wide, steep = visit(lost, "lost_motion", *of_gear[0]), visit(stiff, *of_gear[1])
         return replace(given, lost_motion=wide, stiffness=steep)
 
@@ -260,7 +312,9 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
         hysteresis = tuple(element(each, f"_{k + 1}", f".{k}") for k, each in enumerate(hysteresis))
     elif hysteresis is not None:
         hysteresis = element(hysteresis, "", "")
-    return replace(gear, spring=spring, damping=damping, transmission_error=error, hysteresis=hysteresis)
+    return replace(
+        gear, spring=spring, damping=damping, transmission_error=error, hysteresis=hysteresis
+    )
 
 
 def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:
@@ -275,13 +329,20 @@ def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit:
         bound = NOT_NEGATIVE if kind in ("cubic", "gap") else "> 0"
         return Parameter(f"{name}.{kind}", value, unit, doc, f"{key}.{kind}", bound=bound)
 
-    return replace(spring, **{field.name: visit(number(field.name), "stiffness") for field in fields(spring)})
+    return replace(
+        spring, **{field.name: visit(number(field.name), "stiffness") for field in fields(spring)}
+    )
 
 
 def _motor(motor: Motor, visit: Visit) -> Motor:
     part, key = f"motor {motor.name}, motor side", f"motor.{motor.name}"
     rotor = Parameter(
-        f"{motor.name}.inertia", motor.inertia, "kg m^2", f"rotor of {part}", f"{key}.inertia", inertia=True
+        f"{motor.name}.inertia",
+        motor.inertia,
+        "kg m^2",
+        f"rotor of {part}",
+        f"{key}.inertia",
+        inertia=True,
     )
     inertia = visit(rotor)
     sums: dict[str, Any] = {
@@ -292,27 +353,42 @@ def _motor(motor: Motor, visit: Visit) -> Motor:
     if lugre is not None:
         from flexgen.spec.memory import LUGRE
 
-        of, at, units = f"{motor.name}.lugre", f"{key}.lugre", {row.name: row.unit for row in LUGRE.keys}
-        given = {k: Parameter(f"{of}_{k}", getattr(lugre, k), units[k], f"lugre of {part}", f"{at}.{k}") for k in units}
+        of, at, units = (
+            f"{motor.name}.lugre",
+            f"{key}.lugre",
+            {row.name: row.unit for row in LUGRE.keys},
+        )
+        given = {
+            k: Parameter(f"{of}_{k}", getattr(lugre, k), units[k], f"lugre of {part}", f"{at}.{k}")
+            for k in units
+        }
         lugre = replace(lugre, **{k: visit(each, f"lugre_{k}") for k, each in given.items()})
     return replace(motor, inertia=inertia, friction=friction, lugre=lugre, **sums)
 
 
-def _fourier_sum(given: FourierSum | None, name: str, unit: str, key: str, visit: Visit) -> FourierSum | None:
+def _fourier_sum(
+    given: FourierSum | None, name: str, unit: str, key: str, visit: Visit
+) -> FourierSum | None:
     if given is None:
         return None
     part, kind = name.split(".")
 
     def coefficients(of: str) -> tuple[Any, ...]:
         return tuple(
-            visit(Parameter(f"{name}_{of}_{k}", x, unit, f"{kind} of {part}", f"{key}.{kind}.{of}.{i}"))
+            visit(
+                Parameter(
+                    f"{name}_{of}_{k}", x, unit, f"{kind} of {part}", f"{key}.{kind}.{of}.{i}"
+                )
+            )
             for i, (k, x) in enumerate(zip(given.harmonics, getattr(given, of), strict=True))
         )
 
     return replace(given, cos=coefficients("cos"), sin=coefficients("sin"))
 
 
-def _friction(friction: Friction, name: str, part: str, units: Units, key: str, visit: Visit) -> Friction:
+def _friction(
+    friction: Friction, name: str, part: str, units: Units, key: str, visit: Visit
+) -> Friction:
     """Terms that are zero in the file belong to no group: they cost nothing and stay zero unless they are named."""
     return replace(
         friction,
@@ -326,7 +402,11 @@ def _friction(friction: Friction, name: str, part: str, units: Units, key: str, 
                     f"{key}.friction.{field.name}",
                     bound="" if field.metadata["signed"] else NOT_NEGATIVE,
                 ),
-                *(("friction", f"{name}.friction") if value != 0.0 and not field.metadata["alone"] else ()),
+                *(
+                    ("friction", f"{name}.friction")
+                    if value != 0.0 and not field.metadata["alone"]
+                    else ()
+                ),
             )
             for field in fields(friction)
             for value in (getattr(friction, field.name),)

@@ -20,7 +20,10 @@ def _unit(template: str, units: Sequence[str]) -> tuple[str, str]:
         return template.format(**metre), ""
     if template == "{M}":
         return "mixed", "; kg m^2, kg m or kg"
-    return "mixed", f"; {template.format(**rad)} for rotations, {template.format(**metre)} for translations"
+    return (
+        "mixed",
+        f"; {template.format(**rad)} for rotations, {template.format(**metre)} for translations",
+    )
 
 
 def _output_unit(template: str, model: RobotModel) -> tuple[str, str]:
@@ -28,7 +31,10 @@ def _output_unit(template: str, model: RobotModel) -> tuple[str, str]:
     output = model.output
     if output.type != "tool_pose":
         return template.format(y=output.unit if output.type == "combination" else "m"), ""
-    return "mixed", f"; {template.format(y='m')} for the position, then {template.format(y='rad')} for the rotation"
+    return (
+        "mixed",
+        f"; {template.format(y='m')} for the position, then {template.format(y='rad')} for the rotation",
+    )
 
 
 def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
@@ -41,5 +47,8 @@ def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
     else:
         unit, remark = _unit(template, [c.unit for c in model.coordinates])
     return Port(
-        name, tuple(sizes[extent] if extent in sizes else int(extent) for extent in extents), unit, meaning + remark
+        name,
+        tuple(sizes[extent] if extent in sizes else int(extent) for extent in extents),
+        unit,
+        meaning + remark,
     )

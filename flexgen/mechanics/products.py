@@ -16,7 +16,9 @@ from flexgen.mechanics.signatures import COTANGENT, TANGENT
 from flexgen.mechanics.system import Built, System
 
 
-def symbols_like(arrays: Sequence[ca.SX], names: Sequence[str], suffix: str) -> tuple[list[ca.SX], list[str]]:
+def symbols_like(
+    arrays: Sequence[ca.SX], names: Sequence[str], suffix: str
+) -> tuple[list[ca.SX], list[str]]:
     """Symbols of the shapes of some arrays, with a suffix to their names."""
     made = [name + suffix for name in names]
     return [ca.SX.sym(name, x.sparsity()) for name, x in zip(made, arrays, strict=True)], made
@@ -27,7 +29,12 @@ def jvp(inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: 
     directions, named = symbols_like(inputs, names, TANGENT)
     outputs = [ca.densify(y) for y in outputs]
     flat = ca.jtimes(ca.veccat(*outputs), ca.veccat(*inputs), ca.veccat(*directions))
-    return [*inputs, *directions], [*names, *named], _split(flat, outputs), [name + TANGENT for name in names_out]
+    return (
+        [*inputs, *directions],
+        [*names, *named],
+        _split(flat, outputs),
+        [name + TANGENT for name in names_out],
+    )
 
 
 def vjp(inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: list[str]) -> Built:
@@ -35,7 +42,12 @@ def vjp(inputs: list[ca.SX], names: list[str], outputs: list[ca.SX], names_out: 
     outputs = [ca.densify(y) for y in outputs]
     weights, named = symbols_like(outputs, names_out, COTANGENT)
     flat = ca.jtimes(ca.veccat(*outputs), ca.veccat(*inputs), ca.veccat(*weights), True)
-    return [*inputs, *weights], [*names, *named], _split(flat, inputs), [name + COTANGENT for name in names]
+    return (
+        [*inputs, *weights],
+        [*names, *named],
+        _split(flat, inputs),
+        [name + COTANGENT for name in names],
+    )
 
 
 def _split(flat: ca.SX, like: Sequence[ca.SX]) -> list[ca.SX]:
@@ -50,6 +62,9 @@ def differentiated(system: System, kind: str, built: Built) -> Built:
     inputs, names, outputs, names_out = built
     if system.parameters and ca.depends_on(ca.veccat(*outputs), system.symbols):
         inputs, names = [*inputs, system.symbols], [*names, "parameters"]
-    given, named, found, found_names = (jvp if kind == "jvp" else vjp)(inputs, names, outputs, names_out)
-    kept = [i for i, name in enumerate(named) if name != "parameters"]  # (`System.build` appends them)
+    given, named, found, found_names = (jvp if kind == "jvp" else vjp)(
+        inputs, names, outputs, names_out
+    )
+    # (`System.build` appends them)
+    kept = [i for i, name in enumerate(named) if name != "parameters"]
     return [given[i] for i in kept], [named[i] for i in kept], found, found_names

@@ -14,7 +14,8 @@ from flexgen.mechanics.statics import Equilibrium, balance, equilibrium_at
 from flexgen.numerics.evaluate import Evaluator
 
 STEPS = 30  # of Newton's method from one instant to the next
-STEPS_PER_SPAN = 64  # least number of steps in each span of a path, so that Newton's method stays on one branch
+# least number of steps in each span of a path, so that Newton's method stays on one branch
+STEPS_PER_SPAN = 64
 SPANS = 50  # of a program, at most
 
 
@@ -65,7 +66,11 @@ class OutputPath(Protocol):
 def targets(sample: OutputSample) -> np.ndarray:
     """Values, (k, n_y) or (k, 12), for the target symbol of `flexgen.mechanics.outputs.output_map`."""
     positions = np.asarray(sample.y)[:, :, 0]
-    return positions if sample.R is None else np.hstack([positions, sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+    return (
+        positions
+        if sample.R is None
+        else np.hstack([positions, sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+    )
 
 
 def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) -> np.ndarray:
@@ -83,21 +88,28 @@ def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) 
             f"path: {out.error.numel()} outputs do not determine the {equations.model.n_g} actuated coordinates"
         )
     jacobian_of = ca.densify(ca.jacobian(rows, symbol))
-    newton = Evaluator(ca.Function("equilibrium", [symbol, out.target], [ca.densify(rows), jacobian_of]))
+    newton = Evaluator(
+        ca.Function("equilibrium", [symbol, out.target], [ca.densify(rows), jacobian_of])
+    )
     q = np.array(reference.q_start, dtype=float)
     given = np.asarray(times, dtype=float)
     spacing = np.diff(np.clip(given, 0.0, reference.duration), prepend=0.0)
     spans = min(max(1, len(getattr(reference, "breaks", ())) - 1), SPANS)
-    counts = np.maximum(1, np.ceil(spacing * (STEPS_PER_SPAN * spans / reference.duration) - 1e-9).astype(int))
+    counts = np.maximum(
+        1, np.ceil(spacing * (STEPS_PER_SPAN * spans / reference.duration) - 1e-9).astype(int)
+    )
     starts = np.concatenate([[min(0.0, given[0])], given[:-1]])
-    instants = np.concatenate([np.linspace(a, b, n + 1)[1:] for a, b, n in zip(starts, given, counts, strict=True)])
+    instants = np.concatenate(
+        [np.linspace(a, b, n + 1)[1:] for a, b, n in zip(starts, given, counts, strict=True)]
+    )
     poses = np.zeros((len(instants), len(q)))
     sample = reference.sample(instants)
     q_g = getattr(sample, "q_g", None)
     for k, target in enumerate(targets(sample)):
         if q_g is not None:
             q[list(equations.model.i_g)] = q_g[k, :, 0]
-            if not equations.model.n_e:  # nothing to solve, even where the output does not determine the joints
+            # nothing to solve, even where the output does not determine the joints
+            if not equations.model.n_e:
                 poses[k] = q
                 continue
         for _ in range(STEPS):
@@ -119,6 +131,8 @@ def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) 
     return poses[np.cumsum(counts) - 1]
 
 
-def equilibria_along(equations: Equations, reference: OutputPath, times: np.ndarray) -> list[Equilibrium]:
+def equilibria_along(
+    equations: Equations, reference: OutputPath, times: np.ndarray
+) -> list[Equilibrium]:
     """The equilibrium at each of the ``times`` (k,) [s]; see `poses_along`."""
     return [equilibrium_at(equations, q) for q in poses_along(equations, reference, times)]

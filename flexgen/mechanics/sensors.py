@@ -64,7 +64,9 @@ def _wrench(system: System, sensor: Sensor) -> ca.SX:
     """Force and moment (6,) that hold what is behind the sensor, at its point, in the axes of its frame."""
     arm, model = system.lagrangian.chain, _cut_behind(system.with_symbols, sensor)
     chain, a = kinematics(model), ca.SX.sym("a", model.n_a)
-    left = equations_of(chain.kinetic, chain.gravity, chain.q_a, chain.v_a, a) + ca.gradient(chain.drag, chain.v_a)
+    left = equations_of(chain.kinetic, chain.gravity, chain.q_a, chain.v_a, a) + ca.gradient(
+        chain.drag, chain.v_a
+    )
     if system.force is not None:
         velocity = ca.vertcat(*(ca.mtimes(chain.tool.R, x) for x in (chain.tool.v, chain.tool.w)))
         left -= ca.gradient(ca.dot(system.force, velocity), chain.v_a)
@@ -73,7 +75,9 @@ def _wrench(system: System, sensor: Sensor) -> ca.SX:
     motion = [ca.SX.zeros(model.n_a) for _ in range(3)]
     for own, of_arm in zip(motion, (arm.q_a, arm.v_a, system.lagrangian.a_a), strict=True):
         own[rest] = of_arm
-    return ca.substitute([left[np.flatnonzero(behind).tolist()]], [chain.q_a, chain.v_a, a], motion)[0]
+    return ca.substitute(
+        [left[np.flatnonzero(behind).tolist()]], [chain.q_a, chain.v_a, a], motion
+    )[0]
 
 
 def _cut_behind(model: RobotModel, sensor: Sensor) -> RobotModel:
@@ -82,7 +86,10 @@ def _cut_behind(model: RobotModel, sensor: Sensor) -> RobotModel:
     R = np.array(at.rotation)
     p = np.array(at.position) + R @ sensor.position
     back = Placement(tuple((-R.T @ p).tolist()), tuple(map(tuple, R.T.tolist())))
-    dofs = tuple(Dof(name, name.split("_")[2], tuple(np.eye(3)[k % 3].tolist())) for k, name in enumerate(MOTIONS))
+    dofs = tuple(
+        Dof(name, name.split("_")[2], tuple(np.eye(3)[k % 3].tolist()))
+        for k, name in enumerate(MOTIONS)
+    )
     cut = Element(CUT, dofs, Placement(tuple(p.tolist()), at.rotation), back)
     own = model.tip if sensor.place == TOOL else sensor.place
     elements: tuple[Element, ...] = ()
@@ -98,4 +105,6 @@ def _cut_behind(model: RobotModel, sensor: Sensor) -> RobotModel:
         else:
             elements += (element,)
     tip = CUT if model.tip == own else model.tip
-    return replace(model, elements=elements, tool=Tool(model.tool.position, model.tool.rotation, tip))
+    return replace(
+        model, elements=elements, tool=Tool(model.tool.position, model.tool.rotation, tip)
+    )

@@ -46,7 +46,13 @@ _FUNCTIONS = (
         "q_a",
         "J",
     ),
-    Row("mass_matrix", "Mass matrix of the arm, without rotors.", "T = v_a' M(q_a) v_a / 2", "q_a", "M"),
+    Row(
+        "mass_matrix",
+        "Mass matrix of the arm, without rotors.",
+        "T = v_a' M(q_a) v_a / 2",
+        "q_a",
+        "M",
+    ),
     Row(
         "mass_matrix_packed",
         "One triangle of the mass matrix: batches that do not fit into the cache take half the memory. Only where "
@@ -56,7 +62,13 @@ _FUNCTIONS = (
         "M_packed",
         optional=True,
     ),
-    Row("bias", "Coriolis, centripetal and gravity forces of the arm.", "h = c(q_a, v_a) + g(q_a)", "q_a v_a", "h"),
+    Row(
+        "bias",
+        "Coriolis, centripetal and gravity forces of the arm.",
+        "h = c(q_a, v_a) + g(q_a)",
+        "q_a v_a",
+        "h",
+    ),
     Row("gravity", "Gravity forces of the arm.", "g = dU(q_a)/dq_a", "q_a", "g"),
     Row(
         "inverse_dynamics",
@@ -206,8 +218,14 @@ mass_matrix_packed inverse_dynamics_derivatives arm_forward_derivatives sensor_d
 DIFFERENTIATED = tuple(row.name for row in _FUNCTIONS if row.name not in NOT_DIFFERENTIATED)
 TANGENT, COTANGENT = "_tangent", "_cotangent"
 PRODUCTS = (
-    ("NAME_jvp", "Change of the results of a function for a small change of its inputs. Only where it is named."),
-    ("NAME_vjp", "Derivatives of a weighted sum of the results of a function in its inputs. Only where it is named."),
+    (
+        "NAME_jvp",
+        "Change of the results of a function for a small change of its inputs. Only where it is named.",
+    ),
+    (
+        "NAME_vjp",
+        "Derivatives of a weighted sum of the results of a function in its inputs. Only where it is named.",
+    ),
 )
 
 
@@ -222,22 +240,57 @@ def _products(row: Row) -> list[Row]:
     x, y = row.inputs.split(), row.outputs.split()
     directions, weights = [n + TANGENT for n in x], [n + COTANGENT for n in y]
     changes, derivatives = [n + TANGENT for n in y], [n + COTANGENT for n in x]
-    (jvp, change), (vjp, derivative) = ((name.replace("NAME", row.name), text) for name, text in PRODUCTS)
+    (jvp, change), (vjp, derivative) = (
+        (name.replace("NAME", row.name), text) for name, text in PRODUCTS
+    )
     forward, back = " ".join([*x, *directions]), " ".join([*x, *weights])
     return [
-        Row(jvp, change.replace("a function", row.name), "dy = (dy/dx) dx", forward, " ".join(changes), True),
         Row(
-            vjp, derivative.replace("a function", row.name), "x_bar = (dy/dx)' y_bar", back, " ".join(derivatives), True
+            jvp,
+            change.replace("a function", row.name),
+            "dy = (dy/dx) dx",
+            forward,
+            " ".join(changes),
+            True,
+        ),
+        Row(
+            vjp,
+            derivative.replace("a function", row.name),
+            "x_bar = (dy/dx)' y_bar",
+            back,
+            " ".join(derivatives),
+            True,
         ),
     ]
 
 
-TABLE = (*_FUNCTIONS, *(each for row in _FUNCTIONS if row.name in DIFFERENTIATED for each in _products(row)))
+TABLE = (
+    *_FUNCTIONS,
+    *(each for row in _FUNCTIONS if row.name in DIFFERENTIATED for each in _products(row)),
+)
 
 PYTHON_TABLE = (  # of Equations only, not emitted as C
-    Row("jacobian_dot", "Time derivative of the Jacobian of the tool.", "dJ = dJ(q_a)/dt", "q_a v_a", "dJ"),
-    Row("arm_forces", "Joint frictions and body drags of the arm, as they act.", "", "q_a v_a", "f_a"),
-    Row("given_torque", "Torques on the rotors: of the motors, with ripple, and cogging.", "", "q_m tau_m", "tau_d"),
+    Row(
+        "jacobian_dot",
+        "Time derivative of the Jacobian of the tool.",
+        "dJ = dJ(q_a)/dt",
+        "q_a v_a",
+        "dJ",
+    ),
+    Row(
+        "arm_forces",
+        "Joint frictions and body drags of the arm, as they act.",
+        "",
+        "q_a v_a",
+        "f_a",
+    ),
+    Row(
+        "given_torque",
+        "Torques on the rotors: of the motors, with ripple, and cogging.",
+        "",
+        "q_m tau_m",
+        "tau_d",
+    ),
     Row(
         "rotor_torque",
         "Time derivative of the rotors' axial momentum.",
@@ -280,7 +333,13 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
         "q_a v_a a_a",
         "M R_a",
     ),
-    Row("state_rate", "Right-hand side of the state-space equations.", "dx/dt = dx(x, tau_m)", "x tau_m", "dx"),
+    Row(
+        "state_rate",
+        "Right-hand side of the state-space equations.",
+        "dx/dt = dx(x, tau_m)",
+        "x tau_m",
+        "dx",
+    ),
     Row(
         "energy",
         "Kinetic and potential energy, also of bodies that cannot move; the potential of gravity is zero at the "
@@ -296,15 +355,24 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
         "q_a v_a q_m v_m tau_m",
         "P_motor P_dissipated",
     ),
-    Row("output", "The declared output; for a pose the position of the tool.", "y = y(q_a)", "q_a", "y"),
+    Row(
+        "output",
+        "The declared output; for a pose the position of the tool.",
+        "y = y(q_a)",
+        "q_a",
+        "y",
+    ),
     Row("chain_points", "Corner points of the chain, for drawing.", "", "q_a", "chain_points"),
 )
 
 FUNCTIONS = tuple(row.name for row in TABLE if not row.optional)
 OPTIONAL = tuple(row.name for row in TABLE if row.optional)
-INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]  # of models whose output determines the motors' motion
-INVERTING = (*INVERSION, "motor_harmonics", "loaded_friction")  # the same, and of the models that have them
-GEARED = ("forward_dynamics", "forward_dynamics_tool_force", "linearize")  # with the springs of the gears
+# of models whose output determines the motors' motion
+INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]
+# the same, and of the models that have them
+INVERTING = (*INVERSION, "motor_harmonics", "loaded_friction")
+# with the springs of the gears
+GEARED = ("forward_dynamics", "forward_dynamics_tool_force", "linearize")
 FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
 
 # name: sizes, unit (templates: see _unit), meaning
@@ -316,13 +384,37 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "s_a": (("n_a",), "{q}/s^4", "fourth time derivatives of the arm coordinates"),
     "q_m": (("n_m",), "rad", "motor angles, motor side"),
     "v_m": (("n_m",), "rad/s", "motor speeds, motor side"),
-    "f_tool": (("6",), "mixed", "on the tool at its origin, world axes: force [N], then torque [N m]"),
-    "v_tool": (("6",), "mixed", "of the tool's origin [m/s], then angular velocity [rad/s], world axes"),
-    "a_tool": (("6",), "mixed", "of the tool's origin [m/s^2], then angular acceleration [rad/s^2], world axes"),
+    "f_tool": (
+        ("6",),
+        "mixed",
+        "on the tool at its origin, world axes: force [N], then torque [N m]",
+    ),
+    "v_tool": (
+        ("6",),
+        "mixed",
+        "of the tool's origin [m/s], then angular velocity [rad/s], world axes",
+    ),
+    "a_tool": (
+        ("6",),
+        "mixed",
+        "of the tool's origin [m/s^2], then angular acceleration [rad/s^2], world axes",
+    ),
     "y_s": (("n_s",), "mixed", "signals of the sensors: m/s^2, rad/s, rad or m"),
-    "dys_dq": (("n_s", "n_a"), "mixed", "unit of the row's signal per unit of the column's coordinate"),
-    "dys_dv": (("n_s", "n_a"), "mixed", "unit of the row's signal per unit of the column's velocity"),
-    "dys_da": (("n_s", "n_a"), "mixed", "unit of the row's signal per unit of the column's acceleration"),
+    "dys_dq": (
+        ("n_s", "n_a"),
+        "mixed",
+        "unit of the row's signal per unit of the column's coordinate",
+    ),
+    "dys_dv": (
+        ("n_s", "n_a"),
+        "mixed",
+        "unit of the row's signal per unit of the column's velocity",
+    ),
+    "dys_da": (
+        ("n_s", "n_a"),
+        "mixed",
+        "unit of the row's signal per unit of the column's acceleration",
+    ),
     "a_m": (("n_m",), "rad/s^2", "motor accelerations, motor side"),
     "tau_m": (("n_m",), "N m", "motor torques, motor side"),
     "tau_a": (("n_a",), "{tau}", "forces on the arm coordinates, arm side"),
@@ -336,12 +428,32 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     ),
     "p": (("3",), "m", "position of the tool, world axes"),
     "R": (("3", "3"), "1", "rotation matrix, columns: axes of the tool in the world"),
-    "J": (("6", "n_a"), "mixed", "rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity"),
-    "dtau_dq": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's coordinate"),
-    "dtau_dv": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's velocity"),
+    "J": (
+        ("6", "n_a"),
+        "mixed",
+        "rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity",
+    ),
+    "dtau_dq": (
+        ("n_a", "n_a"),
+        "mixed",
+        "unit of the row's force per unit of the column's coordinate",
+    ),
+    "dtau_dv": (
+        ("n_a", "n_a"),
+        "mixed",
+        "unit of the row's force per unit of the column's velocity",
+    ),
     "dtau_da": (("n_a", "n_a"), "{M}", "mass matrix, symmetric"),
-    "da_dq": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's coordinate"),
-    "da_dv": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's velocity"),
+    "da_dq": (
+        ("n_a", "n_a"),
+        "mixed",
+        "unit of the row's acceleration per unit of the column's coordinate",
+    ),
+    "da_dv": (
+        ("n_a", "n_a"),
+        "mixed",
+        "unit of the row's acceleration per unit of the column's velocity",
+    ),
     "da_dtau": (("n_a", "n_a"), "mixed", "inverse of the mass matrix, symmetric"),
     "A": (("n_x", "n_x"), "mixed", "unit of the row's x/s per unit of the column's x"),
     "B": (("n_x", "n_m"), "mixed", "unit of the row's x/s per N m"),
@@ -362,10 +474,18 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "dtau_p": (("n_g",), "mixed", "unit of the torque per unit of the coordinate"),
     "f_m": (("n_m",), "N m", "friction torques, motor side"),
     "tau_l": (("n_m",), "N m", "torques of the gears, motor side"),
-    "w_m": (("n_m",), "rad", "motor angles behind gears without transmission error, eta (q_g + deflection)"),
+    "w_m": (
+        ("n_m",),
+        "rad",
+        "motor angles behind gears without transmission error, eta (q_g + deflection)",
+    ),
     "dw_m": (("n_m",), "rad/s", "time derivative of w_m"),
     "ddw_m": (("n_m",), "rad/s^2", "time derivative of dw_m"),
-    "gear_share": (("n_m",), "1", "1 - n e'(q_m), part of the torque of its gear that a motor carries"),
+    "gear_share": (
+        ("n_m",),
+        "1",
+        "1 - n e'(q_m), part of the torque of its gear that a motor carries",
+    ),
     "tau_c": (("n_m",), "N m", "cogging torques, motor side"),
     "gain_m": (("n_m",), "1", "torque that a motor gives over tau_m, one and its ripple"),
 }
@@ -374,9 +494,17 @@ for _row in _FUNCTIONS:
         for _name in f"{_row.inputs} {_row.outputs}".split():
             _extents, _template, _ = PORTS[_name]
             PORTS[_name + TANGENT] = _extents, _template, f"change of {_name}"
-            PORTS[_name + COTANGENT] = _extents, "mixed", f"unit of the weighted sum per unit of {_name}"
+            PORTS[_name + COTANGENT] = (
+                _extents,
+                "mixed",
+                f"unit of the weighted sum per unit of {_name}",
+            )
 PORTS["parameters" + TANGENT] = ("n_p",), "mixed", "change of parameters"
-PORTS["parameters" + COTANGENT] = ("n_p",), "mixed", "unit of the weighted sum per unit of parameters"
+PORTS["parameters" + COTANGENT] = (
+    ("n_p",),
+    "mixed",
+    "unit of the weighted sum per unit of parameters",
+)
 # of the functions in PYTHON_TABLE; n = n_x/2, k: corner points
 PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "dJ": (("6", "n_a"), "mixed", "as J, per second"),
@@ -389,7 +517,11 @@ PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "M_y": (("n", "n"), "mixed", "mass matrix of y"),
     "R_y": (("n", "2 * n + n_m"), "mixed", "derivatives in y, dy and tau_m"),
     "R_a": (("n_a", "2 * n_a"), "mixed", "derivatives in q_a and v_a"),
-    "x": (("n_x",), "mixed", "state (q_a, q_m, v_a, v_m), of the motors only those behind elastic gears"),
+    "x": (
+        ("n_x",),
+        "mixed",
+        "state (q_a, q_m, v_a, v_m), of the motors only those behind elastic gears",
+    ),
     "dx": (("n_x",), "mixed", "its time derivative"),
     "kinetic": ((), "J", "kinetic energy"),
     "potential": ((), "J", "potential energy of gravity and springs"),
@@ -417,24 +549,35 @@ def reference(rows: Sequence[Row]) -> str:
 
 def function_obstacles(model: RobotModel) -> dict[str, str | None]:
     """Why a model's library cannot have a function, for each row of the table; None where it can."""
-    from flexgen.mechanics.elastic_joints import flexible_joint_obstacle  # (it needs numpy, the names here do not)
+    # (it needs numpy, the names here do not)
+    from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 
     obstacles = dict.fromkeys(FLEXIBLE_JOINT, flexible_joint_obstacle(model))
     if not model.sensors:
-        obstacles |= dict.fromkeys(("sensors", "sensor_derivatives"), f"model {model.name} has no sensors")
+        obstacles |= dict.fromkeys(
+            ("sensors", "sensor_derivatives"), f"model {model.name} has no sensors"
+        )
     obstacles |= dict.fromkeys(INVERSION, model.inversion_obstacle())
     if joints := hysteretic_joints(model):
-        reason = f"the gear of {joints[0]} has hysteresis, whose torque depends on the motion before"
+        reason = (
+            f"the gear of {joints[0]} has hysteresis, whose torque depends on the motion before"
+        )
         obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
     if motors := bristled_motors(model):
         reason = f"motor {motors[0]} has lugre, a friction that depends on the motion before"
         obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
     if loaded := loaded_motors(model):
-        obstacles["motor_friction"] = f"friction of motor {loaded[0]} depends on its load; it is loaded_friction"
+        obstacles["motor_friction"] = (
+            f"friction of motor {loaded[0]} depends on its load; it is loaded_friction"
+        )
     else:
-        obstacles["loaded_friction"] = f"model {model.name} has no friction that depends on the load"
+        obstacles["loaded_friction"] = (
+            f"model {model.name} has no friction that depends on the load"
+        )
     if not has_harmonics(model):
-        obstacles["motor_harmonics"] = f"model {model.name} has no transmission error, cogging or torque ripple"
+        obstacles["motor_harmonics"] = (
+            f"model {model.name} has no transmission error, cogging or torque ripple"
+        )
     if not model.i_e:
         missing = f"model {model.name} has no coordinates without motor"
         obstacles["inversion_jacobians"] = obstacles["inversion_jacobians"] or missing

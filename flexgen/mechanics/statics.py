@@ -55,7 +55,9 @@ def gear_lag_times(equations: Equations) -> np.ndarray:
     K: the least stiffness of the spring, at zero or at a large deflection.
     """
     model, D = equations.model, gear_damping(equations)
-    far = evaluate(equations.function("gear_law"), np.stack([np.zeros(model.n_g), np.ones(model.n_g)]))[1]
+    far = evaluate(
+        equations.function("gear_law"), np.stack([np.zeros(model.n_g), np.ones(model.n_g)])
+    )[1]
     elastic = np.array([not gear.rigid for gear, _ in gears(model)])
     least = np.where(elastic, far.reshape(2, model.n_g).min(axis=0), 1.0)
     return np.where(elastic, D / np.maximum(least, 1e-300), 0.0)
@@ -70,9 +72,13 @@ def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
     target = np.where(elastic, tau, 0.0)
     _, slope0 = evaluate(function, np.zeros_like(target))
-    high = np.where(elastic, 1e-9 + np.abs(target) / np.maximum(slope0.reshape(target.shape), 1e-6), 0.0)
+    high = np.where(
+        elastic, 1e-9 + np.abs(target) / np.maximum(slope0.reshape(target.shape), 1e-6), 0.0
+    )
     for _ in range(200):  # the bracket: |spring(high)| >= |target|
-        short = elastic & (np.abs(evaluate(function, high)[0].reshape(target.shape)) < np.abs(target))
+        short = elastic & (
+            np.abs(evaluate(function, high)[0].reshape(target.shape)) < np.abs(target)
+        )
         if not short.any():
             break
         high = np.where(short, 2 * high, high)
@@ -81,7 +87,10 @@ def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
     for _ in range(200):
         value, slope = (x.reshape(target.shape) for x in evaluate(function, deflection))
         error = value - target
-        lower, upper = np.where(error <= 0, deflection, lower), np.where(error >= 0, deflection, upper)
+        lower, upper = (
+            np.where(error <= 0, deflection, lower),
+            np.where(error >= 0, deflection, upper),
+        )
         step = deflection - error / np.where(slope > 0, slope, 1.0)
         inside = (step >= lower) & (step <= upper) & (slope > 0)
         new = np.where(elastic, np.where(inside, step, (lower + upper) / 2), 0.0)
@@ -126,7 +135,9 @@ def balance(equations: Equations) -> ca.SX:
     return ca.substitute(static, lag.chain.v_a, ca.SX.zeros(model.n_a))
 
 
-def hold_joints(equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = None) -> Equilibrium:
+def hold_joints(
+    equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = None
+) -> Equilibrium:
     """Equilibrium with the actuated coordinates at ``q_g``; the others are searched from ``q_e``, default zero."""
     model = equations.model
     q = np.zeros(model.n_a)
@@ -137,7 +148,9 @@ def hold_joints(equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = 
     if i_e:
         symbol = equations.lagrangian.chain.q_a
         rows = balance(equations)
-        newton = ca.Function("equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol[i_e]))])
+        newton = ca.Function(
+            "equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol[i_e]))]
+        )
         q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[i_e]
     return equilibrium_at(equations, q)
 
@@ -152,7 +165,13 @@ def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> E
     rows = ca.vertcat(residual, balance(equations)) if equations.model.n_e else residual
     newton = ca.Function("equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
     return equilibrium_at(
-        equations, _newton(newton, q_start, list(range(len(q_start))), "static equilibrium at the start of the path")
+        equations,
+        _newton(
+            newton,
+            q_start,
+            list(range(len(q_start))),
+            "static equilibrium at the start of the path",
+        ),
     )
 
 
@@ -205,7 +224,9 @@ def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str
         try:
             step = np.linalg.solve(jacobian / scale[:, None], -rows[:, 0] / scale)
         except np.linalg.LinAlgError:
-            raise SolverError(f"{what}: the equations are singular at q_a = {np.round(q, 4).tolist()}") from None
+            raise SolverError(
+                f"{what}: the equations are singular at q_a = {np.round(q, 4).tolist()}"
+            ) from None
         length = 1.0
         while True:
             trial = q.copy()

@@ -88,11 +88,20 @@ class System:
         self.with_symbols = made.model
 
     def build(
-        self, name: str, inputs: list[ca.SX], names_in: list[str], outputs: list[ca.SX], names_out: list[str]
+        self,
+        name: str,
+        inputs: list[ca.SX],
+        names_in: list[str],
+        outputs: list[ca.SX],
+        names_out: list[str],
     ) -> ca.Function:
         """A function with dense results; the last arguments are ``f_tool``, ``memory``, ``parameters``, if needed."""
         outputs = [ca.densify(x) for x in outputs]
-        if self.force is not None and not self.force.is_constant() and ca.depends_on(ca.veccat(*outputs), self.force):
+        if (
+            self.force is not None
+            and not self.force.is_constant()
+            and ca.depends_on(ca.veccat(*outputs), self.force)
+        ):
             inputs, names_in = [*inputs, self.force], [*names_in, "f_tool"]
         if self.memory is not None and ca.depends_on(ca.veccat(*outputs), self.memory):
             inputs, names_in = [*inputs, self.memory], [*names_in, "memory"]
@@ -108,7 +117,8 @@ class System:
     @cached_property
     def y(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Minimal coordinates ``y = (q_a, q_me)``, their velocities and accelerations, (n,) each."""
-        lag, i_m = self.lagrangian, self.model.i_m  # (an empty index into a single motor has the wrong shape)
+        # (an empty index into a single motor has the wrong shape)
+        lag, i_m = self.lagrangian, self.model.i_m
         return (
             ca.vertcat(lag.chain.q_a, *[lag.q_m[j] for j in i_m]),
             ca.vertcat(lag.chain.v_a, *[lag.v_m[j] for j in i_m]),
@@ -164,14 +174,16 @@ def _column(name: str, value: Any, rows: int) -> ca.SX:
     except (TypeError, NotImplementedError, RuntimeError):
         column = ca.SX(0, 0)
     if column.shape != (rows, 1) and (rows or column.numel()):
-        raise ArgumentError(f"{name}: given {show_value(value)}, expected a column of {rows} expressions")
+        raise ArgumentError(
+            f"{name}: given {show_value(value)}, expected a column of {rows} expressions"
+        )
     return column
 
 
 Builder = Callable[[System], Built]
 
 
-def solve_symmetric(A: ca.SX, B: ca.SX) -> ca.SX:
+def solve_symmetric(A: ca.SX, B: ca.SX) -> ca.SX:  # noqa: C901
     """``X`` with ``A X = B``, ``A`` symmetric positive definite: L D L' without pivots, structural zeros skipped."""
     n, m = A.shape[0], B.shape[1]
     zero = ca.SX(0)

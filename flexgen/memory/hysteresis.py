@@ -18,7 +18,14 @@ import numpy as np
 
 from flexgen.mechanics.force_laws import stiffness_at_zero
 from flexgen.mechanics.lagrangian import gears
-from flexgen.memory.hysteresis_law import bend_of, curve_of, is_dahl, law_rate, shape_of, sharpness_of
+from flexgen.memory.hysteresis_law import (
+    bend_of,
+    curve_of,
+    is_dahl,
+    law_rate,
+    shape_of,
+    sharpness_of,
+)
 from flexgen.model.elements import Dof, RobotModel
 from flexgen.model.friction import hysteretic_joints
 from flexgen.spec.memory import Hysteresis, HysteresisLaw
@@ -67,7 +74,9 @@ class Layer(GearHysteresis):
 
     def rates(self, rate: ca.SX, z: ca.SX, slip: ca.SX | np.ndarray) -> ca.SX:
         """Rates of the torques ``z`` over K_h (n_g,), for rates of deflection; ``slip``: W in the units of z."""
-        return ca.vertcat(*[law_rate(law, rate[k], z[k], slip[k]) for k, law in enumerate(self.laws)])
+        return ca.vertcat(
+            *[law_rate(law, rate[k], z[k], slip[k]) for k, law in enumerate(self.laws)]
+        )
 
     def paths(self, part: np.ndarray) -> np.ndarray:
         """Where on their curves elements are (n_g,) that begin with ``part`` s z/W; zero for those by Dahl's law."""
@@ -97,7 +106,9 @@ class Layer(GearHysteresis):
         return z, rise
 
 
-def elements_of(hysteresis: HysteresisLaw | Sequence[HysteresisLaw] | None) -> tuple[HysteresisLaw, ...]:
+def elements_of(
+    hysteresis: HysteresisLaw | Sequence[HysteresisLaw] | None,
+) -> tuple[HysteresisLaw, ...]:
     """The elements of the hysteresis of a gear."""
     if hysteresis is None or isinstance(hysteresis, HysteresisLaw):
         return () if hysteresis is None else (hysteresis,)
@@ -115,7 +126,10 @@ def gear_layers(model: RobotModel) -> tuple[Layer, ...]:
         for k, (each, gear, ratio) in enumerate(found):
             if layer < len(each) and gear.spring is not None:
                 slip = each[layer].lost_motion * ratio**2 * stiffness_at_zero(gear.spring) / 2
-                numbers[:, k], laws[k] = (ratio**2 * each[layer].stiffness, slip), shape_of(each[layer])
+                numbers[:, k], laws[k] = (
+                    (ratio**2 * each[layer].stiffness, slip),
+                    shape_of(each[layer]),
+                )
         layers.append(Layer(numbers[0], numbers[1], tuple(laws)))
     return tuple(layers)
 
@@ -123,7 +137,9 @@ def gear_layers(model: RobotModel) -> tuple[Layer, ...]:
 def gear_hysteresis(model: RobotModel) -> GearHysteresis:
     """The stiffness that all elements of a gear add, and the torque at which all slip."""
     layers = gear_layers(model)
-    return GearHysteresis(*(np.sum([getattr(x, name) for x in layers], axis=0) for name in ("stiffness", "slip")))
+    return GearHysteresis(
+        *(np.sum([getattr(x, name) for x in layers], axis=0) for name in ("stiffness", "slip"))
+    )
 
 
 def torque_along(layers: Sequence[Layer], p: np.ndarray) -> np.ndarray:
@@ -154,5 +170,7 @@ def without_hysteresis(model: RobotModel) -> RobotModel:
     def plain(dof: Dof) -> Dof:
         return dof if dof.gear is None else replace(dof, gear=replace(dof.gear, hysteresis=None))
 
-    elements = (replace(element, dofs=tuple(map(plain, element.dofs))) for element in model.elements)
+    elements = (
+        replace(element, dofs=tuple(map(plain, element.dofs))) for element in model.elements
+    )
     return replace(model, elements=tuple(elements))

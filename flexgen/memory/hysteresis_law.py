@@ -21,7 +21,8 @@ from scipy.interpolate import PPoly
 from flexgen.errors import ArgumentError
 from flexgen.spec.memory import Hysteresis, HysteresisLaw
 
-KNOTS, DEGREE, DENSE = 12, 7, 20.0  # of a curve: pieces in a unit over n, degree, halvings where powers are not smooth
+# of a curve: pieces in a unit over n, degree, halvings where powers are not smooth
+KNOTS, DEGREE, DENSE = 12, 7, 20.0
 SLID = 40.0  # time constants with which y comes to 1, at the end of a curve
 PICARD, NEWTON = 40, 60  # iterations
 REACHED = 1e-13  # of y = 1, where curves in C end
@@ -41,7 +42,12 @@ def shape_of(element: HysteresisLaw) -> HysteresisLaw:
     """
     if not isinstance(element, Hysteresis):
         g = np.asarray(element_slope(PARTS, element), dtype=float) + 0.0 * PARTS
-        fits = np.isfinite(g).all() and (g[:-1] > 0.0).all() and abs(g[-1]) < EXACT and abs(g[1000] - 1.0) < EXACT
+        fits = (
+            np.isfinite(g).all()
+            and (g[:-1] > 0.0).all()
+            and abs(g[-1]) < EXACT
+            and abs(g[1000] - 1.0) < EXACT
+        )
         if not (fits and _end(element) >= FLATTEST):
             found = f"{g[0]:.3g}, {g[1000]:.3g} and {g[-1]:.3g} at -1, 0 and 1, at least {g[:-1].min():.3g} before 1"
             raise ArgumentError(
@@ -71,7 +77,11 @@ def sharpness_of(law: HysteresisLaw) -> float:
 
 def _end(law: HysteresisLaw) -> float:
     """``-g'(1)``: how fast a sliding element comes to its slip torque."""
-    return law.exponent if isinstance(law, Hysteresis) else float(element_slope(PARTS, law)[-2] / (1.0 - PARTS[-2]))
+    return (
+        law.exponent
+        if isinstance(law, Hysteresis)
+        else float(element_slope(PARTS, law)[-2] / (1.0 - PARTS[-2]))
+    )
 
 
 def law_rate(law: HysteresisLaw, rate: Any, z: Any, slip: Any) -> Any:
@@ -101,7 +111,9 @@ def element_slope(y: Any, law: HysteresisLaw) -> Any:
     if isinstance(law, Hysteresis):
         return np.asarray(element_rate(1.0, np.asarray(y), 1.0, law.exponent, law.gamma))
     if not hasattr(law, "slope"):
-        raise ArgumentError(f"hysteresis: given a {type(law).__name__}, expected a law with a method slope")
+        raise ArgumentError(
+            f"hysteresis: given a {type(law).__name__}, expected a law with a method slope"
+        )
     return law.slope(y)
 
 
@@ -165,7 +177,9 @@ def curve_of(law: HysteresisLaw) -> Curve:
         The law of another package has a curve that polynomials do not follow, or comes too slowly to 1.
     """
     exponent = sharpness_of(law)
-    first = -quad(lambda y: 1.0 / float(element_slope(y, law)), -1.0, 0.0, epsabs=1e-14, epsrel=1e-13)[0]
+    first = -quad(
+        lambda y: 1.0 / float(element_slope(y, law)), -1.0, 0.0, epsabs=1e-14, epsrel=1e-13
+    )[0]
     size = 1.0 / KNOTS
     grown = 2.0 ** -np.arange(DENSE, -1.0, -1.0)
     longest = SLID * exponent / _end(law)
@@ -181,7 +195,10 @@ def curve_of(law: HysteresisLaw) -> Curve:
     )  # of a polynomial, to nodes
     zero = int(np.flatnonzero(knots == 0.0)[0])
     pieces = np.empty((DEGREE + 1, len(knots) - 1))
-    for order, known, end in ((range(zero, len(knots) - 1), 0, -1), (range(zero - 1, -1, -1), -1, 0)):
+    for order, known, end in (
+        (range(zero, len(knots) - 1), 0, -1),
+        (range(zero - 1, -1, -1), -1, 0),
+    ):
         y = 0.0
         for k in order:
             width, values = knots[k + 1] - knots[k], np.full(DEGREE + 1, y)

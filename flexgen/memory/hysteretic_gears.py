@@ -68,11 +68,16 @@ class _Branch:
         z = self.elements(np.tile(p, (3, 1)))[0][:, 0]
         self.p_r, self.z_r = np.where(turned, p, self.p_r), np.where(turned, z, self.z_r)
         self.s = np.where(turned, -self.s, self.s)
-        paths = [layer.paths(self.s * x / layer.divisor) for layer, x in zip(self.layers, self.z_r, strict=True)]
+        paths = [
+            layer.paths(self.s * x / layer.divisor)
+            for layer, x in zip(self.layers, self.z_r, strict=True)
+        ]
         self.start = np.where(turned, paths, self.start)
 
 
-def hysteretic_deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def hysteretic_deflections(
+    equations: Equations, t: np.ndarray, tau_g: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Deflections p of all gears and the torques z of their hysteresis, each (n, n_g), arm side.
 
     Parameters
@@ -107,7 +112,9 @@ class _Stage:
     elastic: np.ndarray
     branch: _Branch
 
-    def advance(self, p: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def advance(
+        self, p: np.ndarray, h: float, left: np.ndarray, right: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Deflections and torques z after a step of ``h`` [s] from ``p`` (n_g,), torques (n_g, 3) at both ends."""
         begin, branch, c = np.zeros(len(p)), self.branch, _quintic(h, left, right)
         for _ in range(REVERSALS):
@@ -121,17 +128,26 @@ class _Stage:
         return end, z
 
     def find_reversal(
-        self, p: np.ndarray, begin: np.ndarray, turned: np.ndarray, last: np.ndarray, h: float, c: np.ndarray
+        self,
+        p: np.ndarray,
+        begin: np.ndarray,
+        turned: np.ndarray,
+        last: np.ndarray,
+        h: float,
+        c: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Instants, parts of a step, at which p' of the gears ``turned`` vanishes, and deflections there.
 
         Illinois' method, all gears that turn at once; ``last``: rates at the end of the step, in their directions.
         """
         low, high, at = begin, np.ones(len(p)), begin
-        f_low, f_high, side = -last, last, np.zeros(len(p))  # the rate at the begin may be that of another reversal
+        # the rate at the begin may be that of another reversal
+        f_low, f_high, side = -last, last, np.zeros(len(p))
         for _ in range(SECANTS):
             before = at
-            at = np.where(turned, low + (high - low) * f_low / np.where(turned, f_low - f_high, 1.0), begin)
+            at = np.where(
+                turned, low + (high - low) * f_low / np.where(turned, f_low - f_high, 1.0), begin
+            )
             found, rate, _ = self.solve(p, begin, at, h, c)
             f = self.branch.s * rate
             moving = f > 0.0
@@ -181,5 +197,11 @@ class _Stage:
 def _quintic(h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Coefficients (6, n_g) in powers of the part of the step."""
     f0, d0, s0 = left[:, 0], h * left[:, 1], h * h * left[:, 2] / 2
-    a, b, c = right[:, 0] - f0 - d0 - s0, h * right[:, 1] - d0 - 2 * s0, h * h * right[:, 2] - 2 * s0
-    return np.stack([f0, d0, s0, 10 * a - 4 * b + c / 2, -15 * a + 7 * b - c, 6 * a - 3 * b + c / 2])
+    a, b, c = (
+        right[:, 0] - f0 - d0 - s0,
+        h * right[:, 1] - d0 - 2 * s0,
+        h * h * right[:, 2] - 2 * s0,
+    )
+    return np.stack(
+        [f0, d0, s0, 10 * a - 4 * b + c / 2, -15 * a + 7 * b - c, 6 * a - 3 * b + c / 2]
+    )

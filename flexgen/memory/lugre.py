@@ -30,8 +30,10 @@ from flexgen.model.friction import bristled_motors
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.tableaus import radau
 
-PARTS, GROWTH, TURN = 64, 1.0, 2.0  # most parts of an interval; parts for each time constant, for each v_s
-FAR, SETTLED = 5.5, 30.0  # speeds over v_s without static friction; time constants after which z is its limit
+# most parts of an interval; parts for each time constant, for each v_s
+PARTS, GROWTH, TURN = 64, 1.0, 2.0
+# speeds over v_s without static friction; time constants after which z is its limit
+FAR, SETTLED = 5.5, 30.0
 LEAST = 1e-8  # time constants in an interval below which a reversal in it has no effect
 TABLE = radau(3)
 
@@ -53,7 +55,9 @@ class MotorBristles:
 
     def level(self, v: np.ndarray, motor: int) -> np.ndarray:
         """The torque g(v) [N m] of a motor that slides at the speeds ``v`` [rad/s]."""
-        return np.asarray(sliding_torque(v, self.coulomb[motor], self.static[motor], self.stribeck_speed[motor]))
+        return np.asarray(
+            sliding_torque(v, self.coulomb[motor], self.static[motor], self.stribeck_speed[motor])
+        )
 
 
 def sliding_torque(v: Any, coulomb: Any, static: Any, speed: Any) -> Any:
@@ -86,7 +90,9 @@ def bristle_rates(law: MotorBristles, v: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]
             rates.append(ca.SX(0))
             torques.append(ca.SX(0))
             continue
-        coulomb, static, speed = (float(x[j]) for x in (law.coulomb, law.static, law.stribeck_speed))
+        coulomb, static, speed = (
+            float(x[j]) for x in (law.coulomb, law.static, law.stribeck_speed)
+        )
         level = sliding_torque(v[j], coulomb, static, speed) if static > coulomb else coulomb
         rate = v[j] - ca.fabs(v[j]) * y[j] / level  # of z
         rates.append(float(law.stiffness[j]) * rate)
@@ -117,14 +123,19 @@ def bristle_torques(law: MotorBristles, t: np.ndarray, v: np.ndarray, a: np.ndar
     out, h = np.zeros_like(v), float(t[1] - t[0])
     for j in np.flatnonzero(law.present):
         z, w = _along(law, int(j), h, v[:, j], a[:, j])
-        out[:, j] = _derivative(law.stiffness[j] * w + law.damping[j] * z, law.stiffness[j] * z[-1] * h, h)
+        out[:, j] = _derivative(
+            law.stiffness[j] * w + law.damping[j] * z, law.stiffness[j] * z[-1] * h, h
+        )
     return out
 
 
 def torques_to_send(equations: Equations, q_m: np.ndarray, torques: np.ndarray) -> np.ndarray:
     """Torques (n, n_m) that motors send at their angles ``q_m`` so that they give ``torques``, with their ripple."""
     given = equations.function("given_torque")
-    one, none = (evaluate(given, q_m, x)[0].reshape(torques.shape) for x in (np.ones_like(torques), 0 * torques))
+    one, none = (
+        evaluate(given, q_m, x)[0].reshape(torques.shape)
+        for x in (np.ones_like(torques), 0 * torques)
+    )
     return np.asarray(torques / (one - none))
 
 
@@ -136,24 +147,39 @@ def _derivative(impulse: np.ndarray, step: float, h: float) -> np.ndarray:
     return np.asarray((45 * one - 9 * two + three) / (60 * h))
 
 
-def _along(law: MotorBristles, j: int, h: float, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _along(
+    law: MotorBristles, j: int, h: float, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Deflections z of the bristles of a motor at the samples (n,) [rad], and their integrals [rad s]."""
     slope = law.stiffness[j] / law.coulomb[j]
     cubic = np.stack(
-        [v[:-1], h * a[:-1], 3 * np.diff(v) - h * (2 * a[:-1] + a[1:]), h * (a[:-1] + a[1:]) - 2 * np.diff(v)]
+        [
+            v[:-1],
+            h * a[:-1],
+            3 * np.diff(v) - h * (2 * a[:-1] + a[1:]),
+            h * (a[:-1] + a[1:]) - 2 * np.diff(v),
+        ]
     )
-    bounds = _reversals(cubic, LEAST / (h * slope))  # (4 + 1, n - 1): where the parts of one sign begin and end
+    # (4 + 1, n - 1): where the parts of one sign begin and end
+    bounds = _reversals(cubic, LEAST / (h * slope))
     turned = [abs(_integral(cubic, bounds[k], bounds[k + 1])) * h * slope for k in range(4)]
     control = np.stack([v[:-1], v[:-1] + h * a[:-1] / 3, v[1:] - h * a[1:] / 3, v[1:]])
-    slow, falls = np.maximum(control.min(axis=0), -control.max(axis=0)), law.static[j] > law.coulomb[j]
+    slow, falls = (
+        np.maximum(control.min(axis=0), -control.max(axis=0)),
+        law.static[j] > law.coulomb[j],
+    )
     near = slow <= FAR * law.stribeck_speed[j]
     quick = np.where(falls, ~near, slow > 0.0)
     way = _integral(cubic, bounds[0], np.ones_like(slow)) * h * slope
     moves = np.abs(way) > LEAST
-    settled = _since_reversal(np.sum(turned, axis=0), np.where(moves, way, 0.0), bounds[1] < 1.0) > SETTLED
+    settled = (
+        _since_reversal(np.sum(turned, axis=0), np.where(moves, way, 0.0), bounds[1] < 1.0)
+        > SETTLED
+    )
     quick &= settled & moves
     limit = np.sign(v[:-1]) * law.coulomb[j] / law.stiffness[j]
-    E, F = np.where(quick, 0.0, 1.0), np.where(quick, limit, 0.0)  # z at the end = E z + F, its integral = G z + H
+    # z at the end = E z + F, its integral = G z + H
+    E, F = np.where(quick, 0.0, 1.0), np.where(quick, limit, 0.0)
     G, H = np.zeros_like(F), np.where(quick, h * limit, 0.0)
     change = np.where(falls & near, np.ptp(control, axis=0) / law.stribeck_speed[j], 0.0)
     for k in range(4):
@@ -194,7 +220,9 @@ def _integral(cubic: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarra
     """Integral of the speed over a part of the intervals."""
 
     def until(x: np.ndarray) -> np.ndarray:
-        return np.asarray(x * (cubic[0] + x * (cubic[1] / 2 + x * (cubic[2] / 3 + x * cubic[3] / 4))))
+        return np.asarray(
+            x * (cubic[0] + x * (cubic[1] / 2 + x * (cubic[2] / 3 + x * cubic[3] / 4)))
+        )
 
     return until(high) - until(low)
 
@@ -206,7 +234,14 @@ def _reversals(cubic: np.ndarray, least: float) -> np.ndarray:
     """
     out = np.ones((5, cubic.shape[1]))
     out[0] = 0.0
-    control = np.stack([cubic[0], cubic[0] + cubic[1] / 3, cubic[0] + (2 * cubic[1] + cubic[2]) / 3, cubic.sum(axis=0)])
+    control = np.stack(
+        [
+            cubic[0],
+            cubic[0] + cubic[1] / 3,
+            cubic[0] + (2 * cubic[1] + cubic[2]) / 3,
+            cubic.sum(axis=0),
+        ]
+    )
     low, high = control.min(axis=0), control.max(axis=0)
     for k in np.flatnonzero((low < 0.0) & (high > 0.0) & (high - low > least)):
         roots = np.roots(np.trim_zeros(cubic[::-1, k], "f"))

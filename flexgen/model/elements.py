@@ -118,8 +118,10 @@ class Gear:
     spring: Spring | None = None  # None for a rigid gear
     damping: float = 0.0  # in parallel with the spring [N m s/rad or N s/m]
     hysteresis: HysteresisLaw | tuple[HysteresisLaw, ...] | None = None  # or its elements
-    transmission_error: FourierSum | None = None  # of the motor angle, e(q_m) [rad or m] at the joint
-    torque_max: float | None = None  # at the joint [N m or N], and over the motion in the root mean square
+    # of the motor angle, e(q_m) [rad or m] at the joint
+    transmission_error: FourierSum | None = None
+    # at the joint [N m or N], and over the motion in the root mean square
+    torque_max: float | None = None
     torque_rms_max: float | None = None
 
     @property
@@ -332,7 +334,12 @@ class RobotModel:
             ("source", " ".join(self.source.split())),
             ("size", self._size_text()),
             ("coordinates", ", ".join(f"{c.name} [{c.unit}]" for c in self.coordinates)),
-            ("motors", ", ".join(f"{motor.name} (drives {' '.join(motor.drives)})" for motor in self.motors)),
+            (
+                "motors",
+                ", ".join(
+                    f"{motor.name} (drives {' '.join(motor.drives)})" for motor in self.motors
+                ),
+            ),
             ("output", f"{self.output.type.replace('_', ' ')}, {self.output.size} numbers"),
             ("moves", moves or "none"),
             ("variants", ", ".join(self.variants) or "none"),
@@ -343,7 +350,9 @@ class RobotModel:
     def parents(self) -> dict[str, str]:
         """The parent of each element, by name: another element, or ``"base"``."""
         before = ["base", *(element.name for element in self.elements)]
-        return {e.name: e.parent or previous for e, previous in zip(self.elements, before, strict=False)}
+        return {
+            e.name: e.parent or previous for e, previous in zip(self.elements, before, strict=False)
+        }
 
     @property
     def tip(self) -> str:
@@ -402,7 +411,11 @@ class RobotModel:
     @cached_property
     def i_m(self) -> tuple[int, ...]:
         """Indices in q_m of the motors with elastic gears: each of these adds a degree of freedom."""
-        gears = {c.name: c.dof.gear for c in self.coordinates if c.dof is not None and c.dof.gear is not None}
+        gears = {
+            c.name: c.dof.gear
+            for c in self.coordinates
+            if c.dof is not None and c.dof.gear is not None
+        }
         return tuple(j for j, motor in enumerate(self.motors) if not gears[motor.drives[0]].rigid)
 
     @property
@@ -447,4 +460,6 @@ class RobotModel:
         for move in (*self.moves, *self.programs):
             if name is None or move.name == name:
                 return move
-        raise ArgumentError(unknown_move(self.name, [move.name for move in (*self.moves, *self.programs)], name))
+        raise ArgumentError(
+            unknown_move(self.name, [move.name for move in (*self.moves, *self.programs)], name)
+        )

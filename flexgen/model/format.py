@@ -52,7 +52,13 @@ TOOL = Format(
         *robot.PLACEMENT.keys,
         Key("element", known(lambda here: [*here.names["element"]]), _CARRIER, default=""),
         Key("speed_max", number(above=0.0), "limit of the speed of its origin", "m/s", None),
-        Key("acceleration_max", number(above=0.0), "limit of the acceleration of its origin", "m/s^2", None),
+        Key(
+            "acceleration_max",
+            number(above=0.0),
+            "limit of the acceleration of its origin",
+            "m/s^2",
+            None,
+        ),
     ),
     make=_tool,
 )
@@ -85,9 +91,21 @@ def _check_ratio(table: Table, here: Context) -> None:
 BENDING = Format(
     "bending",
     (
-        Key("direction", choice("y", "z"), "axis of the deflection, across the beam", check=_check_direction),
+        Key(
+            "direction",
+            choice("y", "z"),
+            "axis of the deflection, across the beam",
+            check=_check_direction,
+        ),
         Key("modes", whole(1, 8), "number of modes", check=_name_modes),
-        Key("damping_ratio", number(least=0.0), "damping ratio of each mode, below 1", "", 0.0, check=_check_ratio),
+        Key(
+            "damping_ratio",
+            number(least=0.0),
+            "damping ratio of each mode, below 1",
+            "",
+            0.0,
+            check=_check_ratio,
+        ),
         Key("stiffness", number(above=0.0), "flexural stiffness EI", "N m^2"),
     ),
     make=Bending,
@@ -113,7 +131,9 @@ def _check_name(table: Table, here: Context) -> None:
 
 def _check_parent(table: Table, here: Context) -> None:
     if "parent" in table and isinstance(table.entries["parent"].value, list):
-        raise table.fail("parent", "the name of one element, since a robot is a tree without closed loops")
+        raise table.fail(
+            "parent", "the name of one element, since a robot is a tree without closed loops"
+        )
 
 
 ELEMENT = Format(
@@ -128,7 +148,12 @@ ELEMENT = Format(
         ),
         Key("dof", listed(robot.DOF, least=0), "degrees of freedom, in their order", default=()),
         Key("origin", sub(robot.PLACEMENT), "from the tip of the parent", default=Placement()),
-        Key("link", sub(robot.PLACEMENT), "from the last degree of freedom to the body frame", default=Placement()),
+        Key(
+            "link",
+            sub(robot.PLACEMENT),
+            "from the last degree of freedom to the body frame",
+            default=Placement(),
+        ),
         Key("body", sub(robot.BODY), "rigid body, in the body frame", default=Body()),
         Key("beam", sub(BEAM), BEAM.doc, default=None),
     ),
@@ -141,7 +166,9 @@ def _check_size(table: Table, here: Context) -> None:
     """Raise an error for a chain with too many coordinates."""
     count = len(here.names["coordinate"])
     if count > robot.COORDINATES_MAX:
-        raise table.fail("element", f"at most {robot.COORDINATES_MAX} coordinates", f"{count} coordinates")
+        raise table.fail(
+            "element", f"at most {robot.COORDINATES_MAX} coordinates", f"{count} coordinates"
+        )
 
 
 # --- the file ---------------------------------------------------------------------------------------------------------
@@ -166,22 +193,45 @@ def _check_uncertainty(table: Table, here: Context) -> None:
         raise table.fail("correlation", "a symmetric matrix with ones on its diagonal, row by row")
     values = np.linalg.eigvalsh(np.reshape(rows, (len(n), -1))) if rows else np.ones(1)
     if values[0] < -ROUNDING * values[-1]:
-        raise table.fail("correlation", "a matrix without negative eigenvalues", f"the eigenvalue {values[0]:.3g}")
+        raise table.fail(
+            "correlation",
+            "a matrix without negative eigenvalues",
+            f"the eigenvalue {values[0]:.3g}",
+        )
 
 
 UNCERTAINTY = Format(
     "what is known about the accuracy of the numbers",
     (
         *(
-            Key(kind, _SD, _SPREAD.format(f"each {kind.replace('_', ' ').removesuffix('es')}"), default=0.0)
+            Key(
+                kind,
+                _SD,
+                _SPREAD.format(f"each {kind.replace('_', ' ').removesuffix('es')}"),
+                default=0.0,
+            )
             for kind in KINDS
         ),
-        Key("payload", number(least=0.0), "standard deviation of the mass of the payload", "kg", 0.0),
-        Key("delay", number(least=0.0), "standard deviation of what the torques are late in addition", "s", 0.0),
+        Key(
+            "payload", number(least=0.0), "standard deviation of the mass of the payload", "kg", 0.0
+        ),
+        Key(
+            "delay",
+            number(least=0.0),
+            "standard deviation of what the torques are late in addition",
+            "s",
+            0.0,
+        ),
         Key("common", words(), "kinds whose numbers all have the same relative error", default=()),
         Key("parameters", words(), "numbers by name, in place of those of their kinds", default=()),
         Key("sd", _each(1), _SPREAD.format("each of the parameters"), default=()),
-        Key("correlation", _each(2), "of the parameters, row by row", default=(), check=_check_uncertainty),
+        Key(
+            "correlation",
+            _each(2),
+            "of the parameters, row by row",
+            default=(),
+            check=_check_uncertainty,
+        ),
     ),
     make=Tolerances,
 )
@@ -194,23 +244,44 @@ MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
     (
         Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
-        Key("element", listed(ELEMENT), "the links, parents before their children", check=_check_size),
+        Key(
+            "element",
+            listed(ELEMENT),
+            "the links, parents before their children",
+            check=_check_size,
+        ),
         Key("tool", sub(TOOL), _FLANGE, default=Placement()),
-        Key("name", name(problem_of=c_name_problem), "name of the robot, the prefix of every C symbol"),
+        Key(
+            "name",
+            name(problem_of=c_name_problem),
+            "name of the robot, the prefix of every C symbol",
+        ),
         Key("description", text(), "one line", default=""),
         Key("source", text(), "where the numbers come from", default=""),
         Key("gravity", vector(3), "gravity, world axes", "m/s^2", note="m/s^2, world axes"),
         Key("base", sub(robot.PLACEMENT), "pose of the base in the world", default=Placement()),
         Key("temperature", number(least=-100.0, most=300.0), _WARM, "deg C", 20.0),
         Key("motor", listed(MOTOR), "motors, as many as actuated coordinates", check=check_motors),
-        Key("payload", sub(robot.BODY), _LOAD, default=lambda table, here: Body(com=here.values["tool"].position)),
+        Key(
+            "payload",
+            sub(robot.BODY),
+            _LOAD,
+            default=lambda table, here: Body(com=here.values["tool"].position),
+        ),
         Key("output", sub(OUTPUT), OUTPUT.doc, note="the output that a reference prescribes"),
-        Key("move", listed(MOVE, least=0), "reference moves that start and end at rest", default=()),
+        Key(
+            "move", listed(MOVE, least=0), "reference moves that start and end at rest", default=()
+        ),
         joint_position("home", "home position"),
         Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
         Key("program", listed(PROGRAM, least=0), "sequences of steps", default=()),
         Key("uncertainty", sub(UNCERTAINTY), UNCERTAINTY.doc, default=None),
-        Key("servo", sub(lambda: import_object("flexgen.position_servo.keys:SERVO_TABLE")), "its servo", default=None),
+        Key(
+            "servo",
+            sub(lambda: import_object("flexgen.position_servo.keys:SERVO_TABLE")),
+            "its servo",
+            default=None,
+        ),
     ),
 )
 PROGRAMS = Format("moves and programs of flexgen", (MODEL["move"], MODEL["program"]))
@@ -246,12 +317,26 @@ _LIMITS = Key("limits", flag(), "use the limits of the URDF file", default=True)
 URDF = Format(
     "the chain is in a URDF file",
     (
-        Key("file", text(), "path of the URDF file, relative to the folder of this file, or package://NAME/PATH"),
+        Key(
+            "file",
+            text(),
+            "path of the URDF file, relative to the folder of this file, or package://NAME/PATH",
+        ),
         Key("base", text(), "the link that is the ground"),
         Key("tip", text(), "the link that carries the tool"),
         Key("branches", words(), "links at the ends of other branches", default=()),
-        Key("lock", Type(_read_lock, _LOCK), f"{_FIXED}, or a list of joints fixed at zero", default={}),
-        Key("drop", words(), "joints outside the chain, left out with all links behind them", default=()),
+        Key(
+            "lock",
+            Type(_read_lock, _LOCK),
+            f"{_FIXED}, or a list of joints fixed at zero",
+            default={},
+        ),
+        Key(
+            "drop",
+            words(),
+            "joints outside the chain, left out with all links behind them",
+            default=(),
+        ),
         _LIMITS,
         replace(_LIMITS, name="dynamics", doc="use the friction of the URDF file"),
     ),
@@ -263,7 +348,12 @@ JOINT = Format(
         Key("rename", name(), robot.DOF.shared[0].doc, default=None),
         Key("gear", sub(robot.GEAR), "gear of the joint; default: rigid", default=None),
         Key("spring", sub(robot.JOINT_SPRING), "spring instead of a gear: no motor", default=None),
-        Key("mimic", any_table(), "factors of the coordinates that move it by a mechanism", default=None),
+        Key(
+            "mimic",
+            any_table(),
+            "factors of the coordinates that move it by a mechanism",
+            default=None,
+        ),
         robot.DAMPING,
         replace(robot.FRICTION, doc="instead of <dynamics>"),
         replace(robot.BALANCE, doc="torque by the angle, of a rotation"),
@@ -280,7 +370,12 @@ LINK = Format(
     "link of the URDF file",
     (
         Key("rename", name(), ELEMENT["name"].doc, default=None),
-        Key("body", sub(robot.BODY.without("rotational_drag")), "instead of <inertial>", default=None),
+        Key(
+            "body",
+            sub(robot.BODY.without("rotational_drag")),
+            "instead of <inertial>",
+            default=None,
+        ),
         Key("inertia_reduced", flag(), robot.REDUCED, default=False),
     ),
 )
@@ -298,7 +393,9 @@ def model_schema() -> Schema:
     root = table_schema(MODEL)
     root["properties"] |= {
         "urdf": table_schema(URDF),
-        "joint": describe("what a URDF file cannot contain, for each moving joint by its name there", JOINT),
+        "joint": describe(
+            "what a URDF file cannot contain, for each moving joint by its name there", JOINT
+        ),
         "link": describe("changes of links, by their name in the URDF file", LINK),
         "variant": describe("named sets of changes, selected with MODEL@variant", VARIANT)
         | {"propertyNames": {"pattern": IDENTIFIER}},

@@ -32,7 +32,8 @@ from flexgen.spec.parts import GearFriction
 from flexgen.spec.tables import LARGEST, Table, closest
 
 MOST = 64  # sensors
-_JOINTS, _LINEAR = ("link_encoder", "joint_torque"), ("m", "mm", "N")  # sensors of joints; units of translations
+# sensors of joints; units of translations
+_JOINTS, _LINEAR = ("link_encoder", "joint_torque"), ("m", "mm", "N")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -59,7 +60,9 @@ def _check_drives(table: Table, here: Context) -> None:
 
 def _rigid(here: Context) -> set[bool]:
     """Whether the gears of a motor are rigid."""
-    return {gear.rigid for joint in here.values["drives"] if (gear := _gears(here)[joint]) is not None}
+    return {
+        gear.rigid for joint in here.values["drives"] if (gear := _gears(here)[joint]) is not None
+    }
 
 
 def _check_rotor(table: Table, here: Context) -> None:
@@ -93,7 +96,9 @@ def _check_rms(table: Table, here: Context) -> None:
 def _check_ripple(table: Table, here: Context) -> None:
     ripple = here.values["torque_ripple"]
     if ripple is not None and ripple.bound() >= 1.0:
-        raise table.fail("torque_ripple", "amplitudes whose sum is below 1", f"a sum of {ripple.bound():.3g}")
+        raise table.fail(
+            "torque_ripple", "amplitudes whose sum is below 1", f"a sum of {ripple.bound():.3g}"
+        )
 
 
 def _check_encoder(table: Table, here: Context) -> None:
@@ -125,7 +130,9 @@ MOTOR = Format(
             "the degree of freedom that it drives, or a list of them (coupled wrist)",
             check=_check_drives,
         ),
-        Key("inertia", number(least=0.0), "rotor inertia, motor side", "kg m^2", check=_check_rotor),
+        Key(
+            "inertia", number(least=0.0), "rotor inertia, motor side", "kg m^2", check=_check_rotor
+        ),
         Key(
             "ratio",
             _RATIO,
@@ -133,7 +140,12 @@ MOTOR = Format(
             "rad/m",
         ),
         replace(FRICTION, doc="friction on the motor side", check=None),
-        Key("axis", direction(), "axis of the rotor in the frame of its carrier (complete coupling)", default=None),
+        Key(
+            "axis",
+            direction(),
+            "axis of the rotor in the frame of its carrier (complete coupling)",
+            default=None,
+        ),
         Key(
             "carrier",
             choice(of=lambda here: ["base", *here.names["element"]]),
@@ -142,11 +154,35 @@ MOTOR = Format(
         ),
         Key("torque_max", number(above=0.0), "limit of the torque, motor side", "N m", None),
         Key("speed_max", number(above=0.0), "limit of the speed, motor side", "rad/s", None),
-        Key("torque_rate_max", number(above=0.0), "limit of the rate of the torque, motor side", "N m/s", None),
-        Key("torque_rms_max", number(above=0.0), "limit of the root mean square of the torque", "N m", None),
-        Key("thermal_time", number(above=0.0), f"{_THERMAL}; default: the whole motion", "s", None, check=_check_rms),
+        Key(
+            "torque_rate_max",
+            number(above=0.0),
+            "limit of the rate of the torque, motor side",
+            "N m/s",
+            None,
+        ),
+        Key(
+            "torque_rms_max",
+            number(above=0.0),
+            "limit of the root mean square of the torque",
+            "N m",
+            None,
+        ),
+        Key(
+            "thermal_time",
+            number(above=0.0),
+            f"{_THERMAL}; default: the whole motion",
+            "s",
+            None,
+            check=_check_rms,
+        ),
         Key("torque_speed", _CURVE, _POINTS, "rad/s, N m", default=()),
-        Key("cogging", sub(COGGING), "torque on the rotor in addition, over the motor angle", default=None),
+        Key(
+            "cogging",
+            sub(COGGING),
+            "torque on the rotor in addition, over the motor angle",
+            default=None,
+        ),
         Key("torque_ripple", sub(RIPPLE), _SHARE, default=None, check=_check_ripple),
         Key("encoder_error", sub(ENCODER_ERROR), _SHOWN, default=None, check=_check_encoder),
         Key("lugre", sub(lugre), "friction with a state, in addition to friction", default=None),
@@ -159,22 +195,35 @@ def _check_error(place: Table, gear: Gear, joint: str, drivers: list[Motor]) -> 
     """Raise an error for a transmission error of coupled gears, and for one as steep as the gear."""
     assert gear.transmission_error is not None
     if [motor.drives for motor in drivers] != [(joint,)]:
-        raise place.fail("gear", "a transmission_error only where one motor of its own drives the joint", "one")
+        raise place.fail(
+            "gear", "a transmission_error only where one motor of its own drives the joint", "one"
+        )
     steep = abs(drivers[0].ratio[0]) * gear.transmission_error.bound(1)
     if steep >= STEEPEST:
-        expected = f"amplitudes whose sum, each times its harmonic and the gear ratio, is below {STEEPEST}"
+        expected = (
+            f"amplitudes whose sum, each times its harmonic and the gear ratio, is below {STEEPEST}"
+        )
         raise place.fail("gear", f"a transmission_error with {expected}", f"{steep:.3g}")
 
 
 def check_motors(table: Table, here: Context) -> None:
     """Raise an error for joints without a motor, a wrong number of motors or a singular matrix of gear ratios."""
     found: tuple[Motor, ...] = here.values["motor"]
-    gears: dict[str, Gear] = {joint: gear for joint, gear in _gears(here).items() if gear is not None}
+    gears: dict[str, Gear] = {
+        joint: gear for joint, gear in _gears(here).items() if gear is not None
+    }
     for joint, gear in gears.items():
-        place, drivers = here.names["coordinate"][joint], [motor for motor in found if joint in motor.drives]
+        place, drivers = (
+            here.names["coordinate"][joint],
+            [motor for motor in found if joint in motor.drives],
+        )
         if not drivers:
             raise place.fail("gear", f"a motor that drives {joint}", "a gear that no motor drives")
-        if not gear.rigid and gear.side == "motor" and [motor.drives for motor in drivers] != [(joint,)]:
+        if (
+            not gear.rigid
+            and gear.side == "motor"
+            and [motor.drives for motor in drivers] != [(joint,)]
+        ):
             given = 'side = "motor" on a joint that is not driven by one motor of its own'
             raise place.fail("gear", 'side = "arm"', given)
         if gear.transmission_error is not None:
@@ -184,20 +233,31 @@ def check_motors(table: Table, here: Context) -> None:
         loaded = isinstance(motor.friction, GearFriction) and motor.friction.loaded
         if loaded and any(gear.rigid for gear in behind):
             expected = "no load_coulomb, load_stribeck or load_smoothing, since its gear is rigid"
-            raise here.names["motor"][motor.name].fail("friction", expected, "friction that depends on the gear torque")
+            raise here.names["motor"][motor.name].fail(
+                "friction", expected, "friction that depends on the gear torque"
+            )
     if len(found) != len(gears):
         expected = f"as many motors as actuated degrees of freedom, {len(gears)}"
         raise table.fail("motor", expected, f"{len(found)} motors")
-    eta = np.array([[dict(zip(m.drives, m.ratio, strict=True)).get(joint, 0.0) for joint in gears] for m in found])
+    eta = np.array(
+        [
+            [dict(zip(m.drives, m.ratio, strict=True)).get(joint, 0.0) for joint in gears]
+            for m in found
+        ]
+    )
     singular = np.linalg.svd(eta / np.abs(eta).max(axis=1, keepdims=True), compute_uv=False)
     if singular[-1] < 1e-9 * singular[0]:
-        raise table.fail("motor", "a regular matrix of gear ratios", "a singular matrix of gear ratios")
+        raise table.fail(
+            "motor", "a regular matrix of gear ratios", "a singular matrix of gear ratios"
+        )
 
 
 # --- sensors ----------------------------------------------------------------------------------------------------------
 
 
-def _read_axes(table: Table, key: Key, here: Context) -> tuple[tuple[tuple[float, ...], ...], tuple[str, ...]]:
+def _read_axes(
+    table: Table, key: Key, here: Context
+) -> tuple[tuple[tuple[float, ...], ...], tuple[str, ...]]:
     """Unit vectors and labels of the measured directions."""
     entries = table.entries["axes"].value
     if not isinstance(entries, list) or not 1 <= len(entries) <= 3:
@@ -209,8 +269,14 @@ def _read_axes(table: Table, key: Key, here: Context) -> tuple[tuple[tuple[float
             labels.append(entry.value)
             continue
         numbers = [one.value for one in entry.value] if isinstance(entry.value, list) else []
-        good = len(numbers) == 3 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
-        length = sum(x * x for x in numbers) ** 0.5 if good and all(abs(x) < 1e9 for x in numbers) else 0.0
+        good = len(numbers) == 3 and all(
+            isinstance(x, int | float) and not isinstance(x, bool) for x in numbers
+        )
+        length = (
+            sum(x * x for x in numbers) ** 0.5
+            if good and all(abs(x) < 1e9 for x in numbers)
+            else 0.0
+        )
         if not 1e-9 < length < 1e9:
             raise table.fail("axes", "one to three of x, y, z, or vectors of three numbers")
         axes.append(tuple(x / length for x in numbers))
@@ -242,14 +308,26 @@ def _sensor(type: str, unit: str, noise: float, axes: Any = None, **values: Any)
     factor, si = UNITS[type][unit], next(one for one in family if UNITS[type][one] == 1.0)
     axes = axes or ((), WRENCH if type == "wrench" else ("",))
     values = {"position": ZERO} | values
-    values |= {key: factor * values[key] for key in ("moment_noise", "gauge", "offset") if key in values}
-    return Sensor(type=type, place=place, axes=axes[0], labels=axes[1], noise=factor * noise, unit=si, **values)
+    values |= {
+        key: factor * values[key] for key in ("moment_noise", "gauge", "offset") if key in values
+    }
+    return Sensor(
+        type=type,
+        place=place,
+        axes=axes[0],
+        labels=axes[1],
+        noise=factor * noise,
+        unit=si,
+        **values,
+    )
 
 
 _AXIS = {"anyOf": [{"enum": [*_AXES]}, list_of({"type": "number"}, 3)]}
 _DIRECTIONS = Type(_read_axes, {"type": "array", "items": _AXIS, "minItems": 1, "maxItems": 3})
 _ALL = (tuple(_AXES.values()), tuple(_AXES))
-_DIRECTIONS_KEY = Key("axes", _DIRECTIONS, "measured directions: x, y, z or vectors; default all three", default=_ALL)
+_DIRECTIONS_KEY = Key(
+    "axes", _DIRECTIONS, "measured directions: x, y, z or vectors; default all three", default=_ALL
+)
 
 
 def _coordinate(doc: str, measured: Callable[[Coordinate], bool] = lambda one: True) -> Key:
@@ -271,7 +349,10 @@ _POSITION = Key("position", vector(3), "in the frame of that body, or of the too
 
 def _values(sensor: Sensor) -> dict[str, Any]:
     """The values of the keys of a sensor."""
-    axes = [label if label in _AXES else axis for label, axis in zip(sensor.labels, sensor.axes, strict=False)]
+    axes = [
+        label if label in _AXES else axis
+        for label, axis in zip(sensor.labels, sensor.axes, strict=False)
+    ]
     return {
         **vars(sensor),
         "axes": None if axes == [*_AXES] else axes,
@@ -284,11 +365,20 @@ def _kind(kind: str, doc: str, own: tuple[Key, ...], *place: Key) -> Format:
     """The table of a kind of sensor: its own keys, the unit, the position, and the keys of all kinds."""
     units = choice(*UNITS[kind], of=_units(kind) if kind in _JOINTS else None)
     shared = (
-        Key("noise", number(least=0.0), "standard deviation of a sample, in this unit", default=0.0),
-        Key("sample_s", number(above=0.0), "sample time []; default: that of the drives", "s", None),
+        Key(
+            "noise", number(least=0.0), "standard deviation of a sample, in this unit", default=0.0
+        ),
+        Key(
+            "sample_s", number(above=0.0), "sample time []; default: that of the drives", "s", None
+        ),
         Key("delay_s", number(least=0.0), "time from the motion to the sample", "s", 0.0),
     )
-    return Format(doc, (*own, Key("unit", units, "unit of what the sensor sends"), *place, *shared), _sensor, _values)
+    return Format(
+        doc,
+        (*own, Key("unit", units, "unit of what the sensor sends"), *place, *shared),
+        _sensor,
+        _values,
+    )
 
 
 _ACCELERATION = "acceleration minus gravity at a point of a body"
@@ -297,20 +387,37 @@ _TORQUE = "torque of gear or spring and damper on the arm; force of a translatio
 _ANGLE = "the arm coordinate that is measured"
 _JOINT = "the degree of freedom; not a deflection of a beam"
 _WRENCH = "force and moment that hold a body and the parts behind it, at a point; tool: the payload and what acts on it"
-_MOMENT_NOISE = Key("moment_noise", number(least=0.0), "as noise, of the moments, in this unit times m", default=0.0)
-_STRAIN, _SPRING = "gauge q + offset: what a strain gauge on a spring reads", "a coordinate without motor"
+_MOMENT_NOISE = Key(
+    "moment_noise", number(least=0.0), "as noise, of the moments, in this unit times m", default=0.0
+)
+_STRAIN, _SPRING = (
+    "gauge q + offset: what a strain gauge on a spring reads",
+    "a coordinate without motor",
+)
 _GAUGE = Key("gauge", number(), "reading per deflection, in this unit", "1/rad or 1/m")
 _OFFSET = Key("offset", number(), "reading without deflection, in this unit", default=0.0)
 SENSOR = Kinds(
     "sensor",
     {
-        "accelerometer": _kind("accelerometer", _ACCELERATION, (_DIRECTIONS_KEY, _ELEMENT), _POSITION),
+        "accelerometer": _kind(
+            "accelerometer", _ACCELERATION, (_DIRECTIONS_KEY, _ELEMENT), _POSITION
+        ),
         "gyro": _kind("gyro", "angular velocity of a body", (_DIRECTIONS_KEY, _ELEMENT)),
         "link_encoder": _kind("link_encoder", "an arm coordinate", (_coordinate(_ANGLE),)),
-        "tracker": _kind("tracker", _TRACKER, (_DIRECTIONS_KEY, replace(_ELEMENT, default=TOOL)), _POSITION),
-        "joint_torque": _kind("joint_torque", _TORQUE, (_coordinate(_JOINT, lambda one: one.dof is not None),)),
+        "tracker": _kind(
+            "tracker", _TRACKER, (_DIRECTIONS_KEY, replace(_ELEMENT, default=TOOL)), _POSITION
+        ),
+        "joint_torque": _kind(
+            "joint_torque", _TORQUE, (_coordinate(_JOINT, lambda one: one.dof is not None),)
+        ),
         "wrench": _kind("wrench", _WRENCH, (_ELEMENT,), _POSITION, _MOMENT_NOISE),
-        "strain": _kind("strain", _STRAIN, (_coordinate(_SPRING, lambda one: not one.actuated),), _GAUGE, _OFFSET),
+        "strain": _kind(
+            "strain",
+            _STRAIN,
+            (_coordinate(_SPRING, lambda one: not one.actuated),),
+            _GAUGE,
+            _OFFSET,
+        ),
     },
     shared=(Key("name", name("sensor"), "name of the sensor"),),
     strict=False,

@@ -25,7 +25,19 @@ from flexgen.model.format_tasks import (
     with_target,
 )
 from flexgen.model.moves import MoveC, MoveJ, MoveL, Program
-from flexgen.spec.keys import REQUIRED, Context, Format, Key, Kinds, Type, listed, name, number, vector, whole
+from flexgen.spec.keys import (
+    REQUIRED,
+    Context,
+    Format,
+    Key,
+    Kinds,
+    Type,
+    listed,
+    name,
+    number,
+    vector,
+    whole,
+)
 from flexgen.spec.tables import Table
 
 
@@ -69,16 +81,38 @@ _RPY = Type(_read_orientation, vector(3).schema, angle=True)
 _PAUSE = Key("pause", number(least=0.0), "pause after the step", "s", 0.0)
 _LINE = (
     replace(_PAUSE, check=_check_place),
-    Key("displacement", vector(3), "from where the step begins, world axes", "m", _unless_position, _OF_STEP),
+    Key(
+        "displacement",
+        vector(3),
+        "from where the step begins, world axes",
+        "m",
+        _unless_position,
+        _OF_STEP,
+    ),
     Key("position", vector(3), "where the step ends, in the world", "m", (), _OF_WORLD),
     rotation("rotation vector in this step, world axes"),
-    Key("rpy", _RPY, "orientation at the end, world axes: roll, pitch, yaw", "rad", (), attribute="orientation"),
+    Key(
+        "rpy",
+        _RPY,
+        "orientation at the end, world axes: roll, pitch, yaw",
+        "rad",
+        (),
+        attribute="orientation",
+    ),
     Key("speed", number(above=0.0), "largest speed of the tool", "m/s", None),
-    Key("zone", number(least=0.0), "distance from the end at which the rounding to the next step begins", "m", 0.0),
+    Key(
+        "zone",
+        number(least=0.0),
+        "distance from the end at which the rounding to the next step begins",
+        "m",
+        0.0,
+    ),
     CONFIGURATION,
 )
 _VIA = Type(
-    lambda table, key, here: table.vector(key.name, 3, what=_OF_WORLD if "position" in table else _OF_STEP),
+    lambda table, key, here: table.vector(
+        key.name, 3, what=_OF_WORLD if "position" in table else _OF_STEP
+    ),
     vector(3).schema,
 )
 _SPEED, _ZONE = _of_joints(number(above=0.0)), _of_joints(number(least=0.0))
@@ -92,7 +126,9 @@ STEP = Kinds(
                 replace(_PAUSE, check=check_end),
                 *end_of_joints("where the step ends"),
                 Key("speed", _SPEED, "largest joint speed", "rad/s", None),
-                Key("zone", _ZONE, "distance from the end at which the rounding begins", "rad", 0.0),
+                Key(
+                    "zone", _ZONE, "distance from the end at which the rounding begins", "rad", 0.0
+                ),
             ),
             make=partial(with_target, MoveJ),
             where=True,
@@ -106,11 +142,16 @@ STEP = Kinds(
 def _check_steps(table: Table, here: Context) -> None:
     """Raise an error for steps without bounds, and for a zone where the robot has to stop."""
     steps, tables = here.values["step"], table.tables("step")
-    for kind, key, full in ((MoveL, "profile", "profile"), (MoveJ, "joint_profile", "joint_profile_rad")):
+    for kind, key, full in (
+        (MoveL, "profile", "profile"),
+        (MoveJ, "joint_profile", "joint_profile_rad"),
+    ):
         first = next((step for step in steps if isinstance(step, kind)), None)
         if not here.values[key] and first is not None:
             which = type(first).__name__
-            raise table.fail(full, f"bounds on speed, acceleration, ... of the steps {which}", "nothing")
+            raise table.fail(
+                full, f"bounds on speed, acceleration, ... of the steps {which}", "nothing"
+            )
     for k, (inner, step) in enumerate(zip(tables, steps, strict=True)):
         full = "zone" if "zone" in inner else (inner.unit_key("zone", required=False) or "zone")
         if step.zone > 0 and k + 1 == len(steps):
@@ -118,7 +159,10 @@ def _check_steps(table: Table, here: Context) -> None:
         if step.zone > 0 and step.pause > 0:
             raise inner.fail("pause", "no pause in a step with a zone")
         if step.zone > 0 and steps[k + 1].space != step.space:
-            raise inner.fail(full, "no zone, or 0, between a MoveJ and a move of the tool: the robot has to stop there")
+            raise inner.fail(
+                full,
+                "no zone, or 0, between a MoveJ and a move of the tool: the robot has to stop there",
+            )
 
 
 _OF_MOVEJ = "bounds on joint speed, acceleration, jerk, ... of MoveJ"
@@ -129,7 +173,12 @@ PROGRAM = Format(
         joint_position("start", "where the program starts"),
         replace(PROFILE, doc=f"of MoveL and MoveC: {PROFILE.doc}"),
         Key("joint_profile", Type(read_profile, BOUNDS, angle=True), _OF_MOVEJ, "rad/s, ...", ()),
-        Key("smoothness", whole(3, 9), "number of continuous derivatives of the speed changes", default=0),
+        Key(
+            "smoothness",
+            whole(3, 9),
+            "number of continuous derivatives of the speed changes",
+            default=0,
+        ),
         RADIUS_KEY,
         Key("step", listed(STEP), "steps in their order", check=_check_steps),
     ),

@@ -102,15 +102,21 @@ def _read_rotation(table: Table, key: Key, here: Context) -> Matrix:
     other = table.unit_key("rpy", required=False)
     if other is not None:
         raise table.fail("rotation", "one of the two", f"both {other} and rotation")
-    matrix = np.array(table.vector("rotation", 9, what="a rotation matrix, row by row")).reshape(3, 3)
+    matrix = np.array(table.vector("rotation", 9, what="a rotation matrix, row by row")).reshape(
+        3, 3
+    )
     off = np.abs(matrix.T @ matrix - np.eye(3)).max()
     if not off <= _ROTATION_TOLERANCE or np.linalg.det(matrix) < 0.0:
-        raise table.fail("rotation", "a rotation matrix: orthogonal columns of length 1, determinant 1")
+        raise table.fail(
+            "rotation", "a rotation matrix: orthogonal columns of length 1, determinant 1"
+        )
     return tuple(map(tuple, matrix.tolist()))
 
 
 RPY = Type(_read_rpy, vector(3).schema, angle=True)
-_ROTATION = Type(_read_rotation, vector(9).schema, write=lambda matrix: [x for row in matrix for x in row])
+_ROTATION = Type(
+    _read_rotation, vector(9).schema, write=lambda matrix: [x for row in matrix for x in row]
+)
 
 
 def _placement(position: Vector, rotation: Matrix, rpy: Matrix | None) -> Placement:
@@ -156,7 +162,9 @@ def _check_inertia(table: Table, here: Context) -> None:
     if low < -_INERTIA_TOLERANCE:
         raise table.fail("inertia", "principal moments >= 0", given)
     if not here.values["inertia_reduced"] and low + middle < high * (1.0 - _INERTIA_TOLERANCE):
-        expected = "no principal moment larger than the sum of the other two (or inertia_reduced = true)"
+        expected = (
+            "no principal moment larger than the sum of the other two (or inertia_reduced = true)"
+        )
         raise table.fail("inertia", expected, given)
 
 
@@ -178,9 +186,21 @@ BODY = Format(
     (
         Key("mass", number(least=0.0), "mass", "kg"),
         Key("inertia", _INERTIA, _TENSOR, "kg m^2", Body().inertia),
-        Key("inertia_reduced", flag(), f"{REDUCED} (regrouped tensors)", default=False, check=_check_inertia),
+        Key(
+            "inertia_reduced",
+            flag(),
+            f"{REDUCED} (regrouped tensors)",
+            default=False,
+            check=_check_inertia,
+        ),
         Key("com", vector(3), "center of mass in the body frame", "m", _default_com),
-        Key("rotational_drag", number(least=0.0), "damping of the absolute rotation", "N m s/rad", 0.0),
+        Key(
+            "rotational_drag",
+            number(least=0.0),
+            "damping of the absolute rotation",
+            "N m s/rad",
+            0.0,
+        ),
     ),
     make=_body,
     definition="body",
@@ -196,12 +216,19 @@ def _either(unit: str) -> str:
     return unit if linear == unit else f"{unit} or {linear}"
 
 
-DAMPING = Key("damping", number(least=0.0), "damping in parallel with the spring", _either("N m s/rad"), 0.0)
+DAMPING = Key(
+    "damping", number(least=0.0), "damping in parallel with the spring", _either("N m s/rad"), 0.0
+)
 _STIFFNESS = Key("stiffness", number(above=0.0), "stiffness", _either("N m/rad"))
 _TWO = (
     Key("low", number(above=0.0), "stiffness at small deflections", _either("N m/rad")),
     Key("high", number(above=0.0), "stiffness at large deflections", _either("N m/rad")),
-    Key("break_at", number(above=0.0), "deflection at which the stiffness is the high one", _either("rad")),
+    Key(
+        "break_at",
+        number(above=0.0),
+        "deflection at which the stiffness is the high one",
+        _either("rad"),
+    ),
 )
 _CUBIC = Key("cubic", number(least=0.0), "cubic coefficient", _either("N m/rad^3"))
 _GAP = Key("gap", number(least=0.0), "half width of the dead band", _either("rad"))
@@ -209,10 +236,16 @@ _SMOOTHING = Key("smoothing", number(above=0.0), "width of the rounded corners",
 _SPRINGS = {
     "linear": Format("torque = stiffness d", (_STIFFNESS,), LinearSpring),
     "cubic": Format("torque = stiffness d + cubic d^3", (_STIFFNESS, _CUBIC), CubicSpring),
-    "smooth": Format("stiffness low at zero, growing to high at the deflection break_at", _TWO, SmoothSpring),
-    "piecewise": Format("stiffness low up to the deflection break_at, high beyond", _TWO, PiecewiseSpring),
+    "smooth": Format(
+        "stiffness low at zero, growing to high at the deflection break_at", _TWO, SmoothSpring
+    ),
+    "piecewise": Format(
+        "stiffness low up to the deflection break_at, high beyond", _TWO, PiecewiseSpring
+    ),
     "backlash": Format(
-        "dead band of half width gap, with rounded corners", (_STIFFNESS, _GAP, _SMOOTHING), BacklashSpring
+        "dead band of half width gap, with rounded corners",
+        (_STIFFNESS, _GAP, _SMOOTHING),
+        BacklashSpring,
     ),
 }
 _SOFT = replace(_STIFFNESS, type=number(least=0.0))  # without a gear
@@ -308,17 +341,35 @@ COGGING, RIPPLE = fourier_sum("N m", "cogging"), fourier_sum("", "torque_ripple"
 ENCODER_ERROR = fourier_sum("rad", "encoder_error")
 _PEAKS = (
     Key("torque_max", number(above=0.0), "limit of the torque, at the joint", "N m or N", None),
-    Key("torque_rms_max", number(above=0.0), "limit of its root mean square over a motion", "N m or N", None),
+    Key(
+        "torque_rms_max",
+        number(above=0.0),
+        "limit of its root mean square over a motion",
+        "N m or N",
+        None,
+    ),
 )
 _RIGID = Format("no elasticity", _PEAKS, lambda type, **values: Gear(True, **values))
 _ELASTIC = Format(
     "a spring between motor and joint",
     (
-        Key("side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"),
+        Key(
+            "side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"
+        ),
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
         DAMPING,
-        Key("hysteresis", one_or_more(hysteresis, ELEMENTS), "parallel to the spring; default: none", default=None),
-        Key("transmission_error", sub(ERROR), "transmission error at the joint, over the motor angle", default=None),
+        Key(
+            "hysteresis",
+            one_or_more(hysteresis, ELEMENTS),
+            "parallel to the spring; default: none",
+            default=None,
+        ),
+        Key(
+            "transmission_error",
+            sub(ERROR),
+            "transmission error at the joint, over the motor angle",
+            default=None,
+        ),
         *_PEAKS,
     ),
     make=lambda type, **values: Gear(False, **values),
@@ -337,7 +388,10 @@ GEAR = Kinds(
 
 def _read_balance(table: Table, here: Context) -> None:
     if not (here.values["sin"] or here.values["cos"]):
-        raise table.fail("sin", "lists sin and cos of torques of the harmonics 1, 2, ... of the angle [N m], or one")
+        raise table.fail(
+            "sin",
+            "lists sin and cos of torques of the harmonics 1, 2, ... of the angle [N m], or one",
+        )
 
 
 def _balance(sin: Vector, cos: Vector) -> tuple[tuple[float, float], ...]:
@@ -346,10 +400,17 @@ def _balance(sin: Vector, cos: Vector) -> tuple[tuple[float, float], ...]:
     return tuple(zip(*padded, strict=True))
 
 
-_HARMONIC = Key("sin", vector(range(1, HARMONICS + 1)), "torques of sin(k q), k = 1, 2, ...", "N m", ())
+_HARMONIC = Key(
+    "sin", vector(range(1, HARMONICS + 1)), "torques of sin(k q), k = 1, 2, ...", "N m", ()
+)
 COUNTERBALANCE = Format(
     "counterbalance: torque on the arm by the angle",
-    (_HARMONIC, replace(_HARMONIC, name="cos", doc="torques of cos(k q), k = 1, 2, ...", check=_read_balance)),
+    (
+        _HARMONIC,
+        replace(
+            _HARMONIC, name="cos", doc="torques of cos(k q), k = 1, 2, ...", check=_read_balance
+        ),
+    ),
     make=_balance,
     take=lambda pairs: dict(zip(("sin", "cos"), zip(*pairs, strict=True), strict=True)),
     definition="counterbalance",
@@ -373,24 +434,40 @@ def _check_dof(table: Table, here: Context) -> None:
     if "deflection_max" in table and "spring" not in table:
         raise table.fail("deflection_max", "a spring whose deflection it limits")
     if "gear" in table and "damping" in table:
-        raise table.fail("damping", "the key damping inside the gear", "damping in addition to a gear")
+        raise table.fail(
+            "damping", "the key damping inside the gear", "damping in addition to a gear"
+        )
 
 
 def limits(kind: Type, unit: str) -> tuple[Key, Key]:
     """Limits of the position of a joint."""
-    return Key("lower", kind, "lower limit", unit, None), Key("upper", kind, "upper limit", unit, None)
+    return Key("lower", kind, "lower limit", unit, None), Key(
+        "upper", kind, "upper limit", unit, None
+    )
 
 
 def _check_arm_friction(table: Table, here: Context) -> None:
     if isinstance(here.values["friction"], GearFriction):
-        raise table.fail("friction", 'another type of friction: type = "gear" is of motors', '"gear"')
+        raise table.fail(
+            "friction", 'another type of friction: type = "gear" is of motors', '"gear"'
+        )
 
 
-FRICTION = Key("friction", sub(friction), "friction on the arm side", default=NO_FRICTION, check=_check_arm_friction)
+FRICTION = Key(
+    "friction",
+    sub(friction),
+    "friction on the arm side",
+    default=NO_FRICTION,
+    check=_check_arm_friction,
+)
 RATES = (
     Key("speed_max", number(above=0.0), "limit of the speed", "rad/s or m/s", None),
-    Key("acceleration_max", number(above=0.0), "limit of the acceleration", "rad/s^2 or m/s^2", None),
-    Key("deflection_max", number(above=0.0), "limit of the deflection of a spring", "rad or m", None),
+    Key(
+        "acceleration_max", number(above=0.0), "limit of the acceleration", "rad/s^2 or m/s^2", None
+    ),
+    Key(
+        "deflection_max", number(above=0.0), "limit of the deflection of a spring", "rad or m", None
+    ),
 )
 BALANCE = Key("counterbalance", sub(COUNTERBALANCE), "torque by the angle", default=())
 
@@ -406,7 +483,9 @@ def _check_mimic(table: Table, here: Context) -> None:
 
 def _moving(here: Context) -> list[str]:
     """Coordinates before this one that are not moved by mechanisms."""
-    return [name for name, table in list(here.names["coordinate"].items())[:-1] if "mimic" not in table]
+    return [
+        name for name, table in list(here.names["coordinate"].items())[:-1] if "mimic" not in table
+    ]
 
 
 _FACTORS = by_name(_moving)
@@ -425,7 +504,14 @@ def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
             Key("axis", direction(), "direction of the axis, any length"),
             Key("gear", sub(GEAR), gear, default=None),
             Key("spring", sub(JOINT_SPRING), spring, default=None),
-            Key("mimic", _MIMIC, f"{mimic}: factors by name", _either("rad/rad"), default=(), check=_check_mimic),
+            Key(
+                "mimic",
+                _MIMIC,
+                f"{mimic}: factors by name",
+                _either("rad/rad"),
+                default=(),
+                check=_check_mimic,
+            ),
             replace(DAMPING, unit=unit),
             FRICTION,
             *RATES,

@@ -52,7 +52,9 @@ def _check_axes(table: Table, here: Context) -> None:
 
 
 def _read_joints(table: Table, key: Key, here: Context) -> Output:
-    units = {coordinate.name: coordinate.unit for coordinate in coordinates_of(here.of_file("element"))}
+    units = {
+        coordinate.name: coordinate.unit for coordinate in coordinates_of(here.of_file("element"))
+    }
     joints = table.words(key.name)
     for joint in joints:
         if joint not in units:
@@ -75,7 +77,10 @@ def _read_rows(table: Table, key: Key, here: Context) -> Matrix:
     return tuple(rows)
 
 
-_WEIGHTS = {"type": "object", "additionalProperties": number().schema | {"description": "weight of this coordinate"}}
+_WEIGHTS = {
+    "type": "object",
+    "additionalProperties": number().schema | {"description": "weight of this coordinate"},
+}
 _ROWS = Type(_read_rows, {"type": "array", "items": _WEIGHTS, "minItems": 1})
 _AXES = 'axes of the position: one or more letters of "xyz", in this order'
 OUTPUT = Kinds(
@@ -86,16 +91,29 @@ OUTPUT = Kinds(
             (Key("axes", text(pattern="^(?=.)x?y?z?$"), _AXES, default="xyz", check=_check_axes),),
             Output,
         ),
-        "tool_pose": Format("position and orientation of the tool", (), partial(Output, unit="mixed")),
+        "tool_pose": Format(
+            "position and orientation of the tool", (), partial(Output, unit="mixed")
+        ),
         "joint": Format(
             "arm coordinates",
-            (Key("joints", Type(_read_joints, words().schema), "the arm coordinates that are the outputs"),),
+            (
+                Key(
+                    "joints",
+                    Type(_read_joints, words().schema),
+                    "the arm coordinates that are the outputs",
+                ),
+            ),
             lambda type, joints: joints,
         ),
         "combination": Format(
             "weighted sums",
             (
-                Key("rows", _ROWS, "weighted sums of arm coordinates, one an output", attribute="weights"),
+                Key(
+                    "rows",
+                    _ROWS,
+                    "weighted sums of arm coordinates, one an output",
+                    attribute="weights",
+                ),
                 Key("unit", choice("m", "rad", "mixed"), "unit of the outputs"),
             ),
             partial(Output, axes=""),
@@ -117,16 +135,24 @@ def _read_joint_position(table: Table, key: Key, here: Context) -> Vector:
     """The actuated coordinates, which must be within their limits."""
     actuated = list_actuated(here)
     names = ", ".join(c.name for c in actuated)
-    values = table.angles(key.name, [c.unit == "rad" for c in actuated], what=f"the actuated coordinates {names}")
+    values = table.angles(
+        key.name, [c.unit == "rad" for c in actuated], what=f"the actuated coordinates {names}"
+    )
     for c, value in zip(actuated, values, strict=True):
         lower = c.dof.lower if c.dof is not None else None
         upper = c.dof.upper if c.dof is not None else None
         slack = 1e-12 * (1.0 + abs(value))
-        if (lower is not None and value < lower - slack) or (upper is not None and value > upper + slack):
+        if (lower is not None and value < lower - slack) or (
+            upper is not None and value > upper + slack
+        ):
             low = "-inf" if lower is None else f"{lower:.6g}"
             high = "inf" if upper is None else f"{upper:.6g}"
             given = f"{c.name} = {value:.6g} {c.unit}"
-            raise table.fail(table.unit_key(key.name), f"{c.name} within its limits {low}..{high} {c.unit}", given)
+            raise table.fail(
+                table.unit_key(key.name),
+                f"{c.name} within its limits {low}..{high} {c.unit}",
+                given,
+            )
     return values
 
 
@@ -147,7 +173,9 @@ def read_profile(table: Table, key: Key, here: Context) -> Vector:
     """Bounds on speed, acceleration, jerk, ..."""
     full = key.name if not key.type.angle else table.unit_key(key.name) or ""
     scale = joint_factor(table, full, key.name, here) if key.type.angle else 1.0
-    values = table.vector(full, range(2, PROFILE_MAX + 1), what="bounds on speed, acceleration, jerk, ...")
+    values = table.vector(
+        full, range(2, PROFILE_MAX + 1), what="bounds on speed, acceleration, jerk, ..."
+    )
     if not all(value > 0 for value in values):
         raise table.fail(full, "numbers > 0")
     return tuple(scale * value for value in values)
@@ -176,7 +204,9 @@ def rotation(doc: str) -> Key:
     return Key("rotation", Type(_read_rotation, vector(3).schema, angle=True), doc, "rad", ZERO)
 
 
-RADIUS_KEY = Key("radius", number(above=0.0), "a rotation counts as path length radius * angle", "m", RADIUS)
+RADIUS_KEY = Key(
+    "radius", number(above=0.0), "a rotation counts as path length radius * angle", "m", RADIUS
+)
 
 
 # --- poses of the tool as ends of joint moves -------------------------------------------------------------------------
@@ -191,7 +221,9 @@ def _read_configuration(table: Table, key: Key, here: Context) -> tuple[int, ...
 
 def _read_turns(table: Table, key: Key, here: Context) -> tuple[int, ...]:
     actuated = list_actuated(here)
-    values = table.vector(key.name, len(actuated), what="whole turns of " + ", ".join(c.name for c in actuated))
+    values = table.vector(
+        key.name, len(actuated), what="whole turns of " + ", ".join(c.name for c in actuated)
+    )
     if not all(value == int(value) and abs(value) <= MOST_TURNS for value in values):
         raise table.fail(key.name, f"whole numbers from -{MOST_TURNS} to {MOST_TURNS}")
     for c, value in zip(actuated, values, strict=True):
@@ -201,7 +233,11 @@ def _read_turns(table: Table, key: Key, here: Context) -> tuple[int, ...]:
 
 
 def _pose_given(table: Table) -> list[str]:
-    return [name for name in ("position", "rpy_rad", "rpy_deg", "configuration", "turns") if name in table]
+    return [
+        name
+        for name in ("position", "rpy_rad", "rpy_deg", "configuration", "turns")
+        if name in table
+    ]
 
 
 def check_end(table: Table, here: Context) -> None:
@@ -211,7 +247,9 @@ def check_end(table: Table, here: Context) -> None:
         raise table.fail(given[0], "either end or a pose of the tool", "both")
     if given and len(actuated) != 6:
         names = ", ".join(c.name for c in actuated)
-        expected = f"end, because the arm has not six actuated coordinates but {len(actuated)}: {names}"
+        expected = (
+            f"end, because the arm has not six actuated coordinates but {len(actuated)}: {names}"
+        )
         raise table.fail(given[0], expected)
 
 
@@ -235,10 +273,22 @@ _ORIENTATION = "orientation of the tool at the end, world axes: roll, pitch, yaw
 def end_of_joints(doc: str) -> tuple[Key, ...]:
     """The end of a joint move: joints, or a pose of the tool."""
     return (
-        Key("position", vector(3), "where the tool ends, in the world", "m", _if_pose, "m, world axes and origin"),
+        Key(
+            "position",
+            vector(3),
+            "where the tool ends, in the world",
+            "m",
+            _if_pose,
+            "m, world axes and origin",
+        ),
         Key("rpy", RPY, _ORIENTATION, "rad", _if_pose),
         CONFIGURATION,
-        Key("turns", Type(_read_turns, list_of(_TURN, 6)), "whole turns of each joint at the end", default=()),
+        Key(
+            "turns",
+            Type(_read_turns, list_of(_TURN, 6)),
+            "whole turns of each joint at the end",
+            default=(),
+        ),
         joint_position("end", doc, lambda table, here: () if _pose_given(table) else REQUIRED),
     )
 
@@ -248,7 +298,9 @@ def end_of_joints(doc: str) -> tuple[Key, ...]:
 
 def _check_profile(table: Table, here: Context) -> None:
     if here.values["profile"] and "duration" in table:
-        raise table.fail("duration", "either duration or profile (which determines the duration)", "both")
+        raise table.fail(
+            "duration", "either duration or profile (which determines the duration)", "both"
+        )
 
 
 def _time(sampled: bool = False, check: Check | None = None) -> tuple[Key, ...]:
@@ -269,12 +321,16 @@ def _time(sampled: bool = False, check: Check | None = None) -> tuple[Key, ...]:
 def _needs_tool(table: Table, here: Context) -> None:
     if here.of_file("output").type not in TOOL:
         expected = "joint or output_line, because the output is not the tool's position or pose"
-        raise table.fail("type", f'{expected}, or a table [output] with type = "tool_pose" or "tool_position"')
+        raise table.fail(
+            "type", f'{expected}, or a table [output] with type = "tool_pose" or "tool_position"'
+        )
 
 
 def _needs_outputs(table: Table, here: Context) -> None:
     if here.of_file("output").type in TOOL:
-        raise table.fail("type", "joint or tool_line, because the output is the tool's position or pose")
+        raise table.fail(
+            "type", "joint or tool_line, because the output is the tool's position or pose"
+        )
 
 
 def _check_circle(table: Table, here: Context) -> None:
@@ -309,7 +365,9 @@ def _read_samples(table: Table, key: Key, here: Context) -> str:
     except (OSError, ValueError):  # a name that no file can have
         there = False
     if not there:
-        raise table.fail(key.name, "the path of a .csv or .npz file, relative to the folder of this file")
+        raise table.fail(
+            key.name, "the path of a .csv or .npz file, relative to the folder of this file"
+        )
     return str(path)
 
 
@@ -332,7 +390,14 @@ LEG = Format(
             lambda table, here: 0.0 if here.last else REQUIRED,
         ),
         _ROTATION,
-        Key("via", vector(3), "point of the arc, from the start of the leg, world axes", "m", (), _FROM_LEG),
+        Key(
+            "via",
+            vector(3),
+            "point of the arc, from the start of the leg, world axes",
+            "m",
+            (),
+            _FROM_LEG,
+        ),
     ),
     make=_make_leg,
     before=_check_leg,
@@ -344,7 +409,9 @@ _START = joint_position("start", "where the move starts")
 _TOOL_LINE = _way("displacement of the tool, world axes", "m, world axes")
 _CENTER = "center, from the position at the start, world axes"
 _OUTPUTS = Type(
-    lambda table, key, here: table.vector(key.name, here.of_file("output").size, what="one number per output"),
+    lambda table, key, here: table.vector(
+        key.name, here.of_file("output").size, what="one number per output"
+    ),
     vector().schema,
 )
 _SAMPLED = "path of a .csv or .npz file, relative to the folder of this file"

@@ -35,17 +35,29 @@ def find_law(group: str, name: str, base: type[Law], method: str) -> type[Law]:
 def added_sources(model: Any) -> list[Path]:
     """The files with the laws of friction and hysteresis of a `RobotModel` that other packages have added."""
     dofs = [coordinate.dof for coordinate in model.coordinates if coordinate.dof is not None]
-    found = [dof.gear.hysteresis for dof in dofs if dof.gear is not None and dof.gear.hysteresis is not None]
+    found = [
+        dof.gear.hysteresis
+        for dof in dofs
+        if dof.gear is not None and dof.gear.hysteresis is not None
+    ]
     elements = (one for each in found for one in (each if isinstance(each, tuple) else (each,)))
     laws = (*(part.friction for part in (*dofs, *model.motors)), *elements)
-    modules = [sys.modules.get(type(law).__module__) for law in laws if not type(law).__module__.startswith("flexgen.")]
+    modules = [
+        sys.modules.get(type(law).__module__)
+        for law in laws
+        if not type(law).__module__.startswith("flexgen.")
+    ]
     return sorted({Path(file) for module in modules if (file := getattr(module, "__file__", None))})
 
 
 def hysteretic_joints(model: Any) -> list[str]:
     """Names of the coordinates of a `RobotModel` whose gears have hysteresis."""
     dofs = (coordinate.dof for coordinate in model.coordinates)
-    return [dof.name for dof in dofs if dof is not None and dof.gear is not None and dof.gear.hysteresis is not None]
+    return [
+        dof.name
+        for dof in dofs
+        if dof is not None and dof.gear is not None and dof.gear.hysteresis is not None
+    ]
 
 
 def bristled_motors(model: Any) -> list[str]:
@@ -55,7 +67,11 @@ def bristled_motors(model: Any) -> list[str]:
 
 def loaded_motors(model: Any) -> list[str]:
     """Names of the motors of a `RobotModel` whose friction depends on the torques of their gears."""
-    return [each.name for each in model.motors if isinstance(each.friction, GearFriction) and each.friction.loaded]
+    return [
+        each.name
+        for each in model.motors
+        if isinstance(each.friction, GearFriction) and each.friction.loaded
+    ]
 
 
 def refuse_load(model: Any, what: str) -> None:

@@ -7,7 +7,9 @@ import numpy as np
 from flexgen.model.elements import Body, Placement, RobotModel
 
 _SINGULAR = (
-    1e-13  # smallest eigenvalue of the inertia matrix scaled to unit diagonal: rounding errors of some tens of bodies
+    # smallest eigenvalue of the inertia matrix scaled to unit diagonal: rounding errors of some
+    # tens of bodies
+    1e-13
 )
 _POSES = 3  # at a single pose axes may be aligned by chance
 

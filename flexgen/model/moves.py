@@ -47,7 +47,9 @@ class PoseTarget:
 
     def __post_init__(self) -> None:  # lists and arrays of whole numbers too
         for name in ("configuration", "turns"):
-            object.__setattr__(self, name, tuple(int(x) if x == int(x) else x for x in getattr(self, name)))
+            object.__setattr__(
+                self, name, tuple(int(x) if x == int(x) else x for x in getattr(self, name))
+            )
 
 
 @checked_class
@@ -189,7 +191,11 @@ class Move:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.name, str) and 0 < len(self.name) <= LONGEST_NAME and self.name.isprintable()):
+        if not (
+            isinstance(self.name, str)
+            and 0 < len(self.name) <= LONGEST_NAME
+            and self.name.isprintable()
+        ):
             expected = f"a printable text of 1 to {LONGEST_NAME} characters"
             raise ArgumentError(f"move.name: given {show_value(self.name)}, expected {expected}")
 
@@ -240,4 +246,6 @@ def unknown_move(model: str, names: Sequence[str], given: Any) -> str:
             "overlay of the URDF file with moves; models/README.md describes both"
         )
     hint = suggestion(str(given), names)
-    return f"move: given {show_value(given)}, expected one of model {model}: {', '.join(names)}{hint}"
+    return (
+        f"move: given {show_value(given)}, expected one of model {model}: {', '.join(names)}{hint}"
+    )

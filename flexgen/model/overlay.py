@@ -53,7 +53,11 @@ def expand(root: Entry, folder: Path, shown: str) -> None:
     top = Table(shown, root, "")
     for name in _FROM_URDF:
         if name in top:
-            raise top.fail(name, "either [urdf] or [[element]] tables, not both", f"{name} in addition to [urdf]")
+            raise top.fail(
+                name,
+                "either [urdf] or [[element]] tables, not both",
+                f"{name} in addition to [urdf]",
+            )
     overlay = _Overlay(top, folder)
     chain = overlay.chain()
     overlay.spread(chain)
@@ -63,7 +67,9 @@ def expand(root: Entry, folder: Path, shown: str) -> None:
     root.value["element"] = Entry(elements, overlay.table.line, overlay.urdf.file)
     given = root.value.get("motor")
     if given is None or isinstance(given.value, list):
-        root.value["motor"] = Entry([*motors, *(given.value if given else [])], overlay.table.line, shown)
+        root.value["motor"] = Entry(
+            [*motors, *(given.value if given else [])], overlay.table.line, shown
+        )
     for name, value in overlay.defaults(chain).items():
         root.value.setdefault(name, value)
 
@@ -116,7 +122,9 @@ class _Overlay:
         for name, table in self.joints.items():
             if name not in moving:
                 given = f"{show(name)}, which does not move"
-                raise table.fail(None, f"a moving joint of the chain: {among(name, sorted(moving))}", given)
+                raise table.fail(
+                    None, f"a moving joint of the chain: {among(name, sorted(moving))}", given
+                )
         named = {segment.link.name for segment in chain.segments} | {tips[0]}
         for name, table in self.links.items():
             if "rename" in table and name not in named:
@@ -139,11 +147,15 @@ class _Overlay:
             if self._find_name("joint", name) in driven:  # by a [[motor]] table
                 default = {key: entry for key, entry in default.items() if key != "motor"}
             table = own or self.every
-            self.joints[name] = Table(self.top.file, Entry(merge(default, entries), table.line, table.file), table.key)
+            self.joints[name] = Table(
+                self.top.file, Entry(merge(default, entries), table.line, table.file), table.key
+            )
 
     def _end(self, name: str, link: str) -> str:
         if link not in self.urdf.links:
-            raise self.table.fail(name, f"a link of {self.urdf.file}: {among(link, self.urdf.links)}")
+            raise self.table.fail(
+                name, f"a link of {self.urdf.file}: {among(link, self.urdf.links)}"
+            )
         return link
 
     def _above(self, link: str) -> set[str]:
@@ -166,7 +178,9 @@ class _Overlay:
         names = URDF["drop"].read(self.table, Context())
         for name in names:
             if name not in self.urdf.joints:
-                raise self.table.fail("drop", f"{among(name, self.urdf.joints)} instead of {show(name)}")
+                raise self.table.fail(
+                    "drop", f"{among(name, self.urdf.joints)} instead of {show(name)}"
+                )
         return frozenset(names)
 
     def _inertial(self, link: Link) -> Inertial | None:
@@ -188,7 +202,10 @@ class _Overlay:
     def elements(self, chain: Chain) -> list[Entry]:
         """An element for each moving joint, and one for the tip if it differs from the last moving link."""
         names = [self._name("link", segment.link.name) for segment in chain.segments]
-        out, end = [self._element(segment, names, k) for k, segment in enumerate(chain.segments)], chain.carrier
+        out, end = (
+            [self._element(segment, names, k) for k, segment in enumerate(chain.segments)],
+            chain.carrier,
+        )
         origin = self._placement(chain.tip, self.table.entries["tip"].line, self.table.file)
         if origin is not None:
             tip = self.urdf.links[self.ends[1]]
@@ -232,7 +249,9 @@ class _Overlay:
         if limit is not None:
             unit = "_rad" if rotary else ""
             for name, number in (("lower", limit.lower), ("upper", limit.upper)):
-                if number is not None and not any(name + other in (table or ()) for other in ("", "_rad", "_deg")):
+                if number is not None and not any(
+                    name + other in (table or ()) for other in ("", "_rad", "_deg")
+                ):
                     value[name + unit] = wrap(number, limit.line, self.urdf.file)
             value["speed_max"] = wrap(limit.velocity, limit.line, self.urdf.file)
         if table is None or "friction" not in table:
@@ -284,20 +303,28 @@ class _Overlay:
             if passive or (table is not None and "spring" in table):
                 if table is not None and own is not None:
                     way = "mimic" if passive else "spring"
-                    raise table.fail("motor", f"either a motor or a {way} (non-actuated)", f"both a motor and a {way}")
+                    raise table.fail(
+                        "motor",
+                        f"either a motor or a {way} (non-actuated)",
+                        f"both a motor and a {way}",
+                    )
                 continue
             count += 1
             if name in driven:
                 if own is not None:
                     assert table is not None
                     raise table.fail(
-                        "motor", "either motor or a [[motor]] table", f"both a motor and a [[motor]] of {show(name)}"
+                        "motor",
+                        "either motor or a [[motor]] table",
+                        f"both a motor and a [[motor]] of {show(name)}",
                     )
                 continue
             value: dict[str, Any] = {"name": f"m{count}", "drives": name, "ratio": 1.0}
             if table is not None and _elastic(table):
                 if own is None or "inertia" not in own:
-                    expected = "motor = { ratio = ..., inertia = ... } together with an elastic gear"
+                    expected = (
+                        "motor = { ratio = ..., inertia = ... } together with an elastic gear"
+                    )
                     raise (own or table).fail("inertia" if own else "motor", expected)
             else:
                 value["inertia"] = 0.0
@@ -335,13 +362,20 @@ class _Overlay:
             problem = c_name_problem(self.urdf.name)
             if problem is not None:
                 what = f"a name for the robot that URDF calls {show(self.urdf.name)}: {problem}"
-                raise self.top.fail("name", f"{what} ('flexgen new NAME --urdf FILE' writes a file with one)")
+                raise self.top.fail(
+                    "name", f"{what} ('flexgen new NAME --urdf FILE' writes a file with one)"
+                )
             out["name"] = self.urdf.name
-        out["description"] = f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
+        out["description"] = (
+            f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
+        )
         out["gravity"] = [0.0, 0.0, -9.81]
         free = (s for s in chain.segments if self._mimic(s) is None)
         actuated = [s for s in free if "spring" not in (self.joints.get(s.joint.name) or ())]
-        out["output"] = {"type": "joint", "joints": [self._find_name("joint", s.joint.name) for s in actuated]}
+        out["output"] = {
+            "type": "joint",
+            "joints": [self._find_name("joint", s.joint.name) for s in actuated],
+        }
         if "home_deg" not in self.top and "home_rad" not in self.top:
             out["home_rad"] = [self._home(segment) for segment in actuated]
         return {name: wrap(value, table.line, table.file) for name, value in out.items()}
@@ -401,7 +435,10 @@ class _Overlay:
     def _here(self, value: dict[str, Any], line: int) -> Entry:
         """A table with the position of a line of the URDF file; values that already are Entries stay unchanged."""
         file = self.urdf.file
-        made = {name: item if isinstance(item, Entry) else wrap(item, line, file) for name, item in value.items()}
+        made = {
+            name: item if isinstance(item, Entry) else wrap(item, line, file)
+            for name, item in value.items()
+        }
         return Entry(made, line, file)
 
     def _placement(self, pose: Pose, line: int, file: str) -> Entry | None:

@@ -81,7 +81,9 @@ def read(
         expand(root, folder, shown)
     variants = _variants(root, shown)
     if chosen and chosen not in variants:
-        raise ArgumentError(f"variant of {shown}: given {chosen!r}, expected {closest(chosen, variants)}")
+        raise ArgumentError(
+            f"variant of {shown}: given {chosen!r}, expected {closest(chosen, variants)}"
+        )
     unchanged = toml_lines.copy(root)
     if chosen:
         variants[chosen].apply(root)
@@ -114,7 +116,9 @@ def _folders() -> list[Path]:
     """
     named = os.environ.get("FLEXGEN_MODELS")
     if named and not Path(named).is_dir():
-        raise ArgumentError(f"FLEXGEN_MODELS: given {named!r}, which is not a folder, expected a folder of model files")
+        raise ArgumentError(
+            f"FLEXGEN_MODELS: given {named!r}, which is not a folder, expected a folder of model files"
+        )
     found = [Path(named)] if named else []
     found += [Path("models"), packaged_models()]
     return [folder for folder in found if folder.is_dir()]
@@ -135,7 +139,9 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
     head, at, tail = text.rpartition("@")
     if at and not set(tail) & set("/\\."):
         if not tail or (chosen and chosen != tail):
-            raise ArgumentError(f"model: given {text!r} and variant {variant!r}, expected one variant name")
+            raise ArgumentError(
+                f"model: given {text!r} and variant {variant!r}, expected one variant name"
+            )
         text, chosen = head, tail
     if not text.endswith(".toml") and not set(text) & set("/\\"):
         for folder in _folders():
@@ -145,16 +151,22 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
                     return path, from_here(path), chosen
             except (OSError, ValueError):  # a name that no file can have
                 break
-        raise ArgumentError(f"model: given {text!r}, expected a path ending in .toml or {closest(text, model_names())}")
+        raise ArgumentError(
+            f"model: given {text!r}, expected a path ending in .toml or {closest(text, model_names())}"
+        )
     path = Path(text)
     try:
         exists, regular = path.exists(), path.is_file()
     except (OSError, ValueError):
         exists = regular = False
     if not exists:
-        raise ArgumentError(f"model: given {text!r}, which does not exist, expected the path of a .toml file")
+        raise ArgumentError(
+            f"model: given {text!r}, which does not exist, expected the path of a .toml file"
+        )
     if not regular:
-        raise ArgumentError(f"model: given {text!r}, which is not a file, expected the path of a .toml file")
+        raise ArgumentError(
+            f"model: given {text!r}, which is not a file, expected the path of a .toml file"
+        )
     return path, text, chosen
 
 
@@ -237,21 +249,27 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
         toml_lines.check_depth(plain)
         _set(root, key, toml_lines.wrap(plain, 0, where))
     except toml_lines.TextError as error:
-        raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
+        raise ArgumentError(
+            f"overrides {key}: given {error.given}, expected {error.expected}"
+        ) from None
     except _NoSuchPath as error:
         raise ModelError(where, 0, key or '""', "a path that does not exist", str(error)) from None
 
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     found = read_table(root, MODEL, Context())
-    robot = RobotModel(**found, variant=variant, variants=variants, file=root.file, text=_canonical(root))
+    robot = RobotModel(
+        **found, variant=variant, variants=variants, file=root.file, text=_canonical(root)
+    )
     if robot.uncertainty is not None and robot.uncertainty.parameters:
         known = find_function("RobotModel.numbers")(robot)
         for name in robot.uncertainty.parameters:
             if name not in known:
                 near = ", ".join(get_close_matches(name, known, 3, cutoff=0.0))
                 table = Table(root.file, root.entries["uncertainty"], "uncertainty")
-                raise table.fail("parameters", f"names of single numbers, such as {near}", show(name))
+                raise table.fail(
+                    "parameters", f"names of single numbers, such as {near}", show(name)
+                )
     return robot
 
 
@@ -285,5 +303,7 @@ def _canonical(root: Table) -> str:
         return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
     unused = ("description", "source", "uncertainty")
-    data = {key: toml_lines.unwrap(entry) for key, entry in root.entries.items() if key not in unused}
+    data = {
+        key: toml_lines.unwrap(entry) for key, entry in root.entries.items() if key not in unused
+    }
     return json.dumps(plain(data), sort_keys=True, ensure_ascii=True)

@@ -26,7 +26,8 @@ from flexgen.spec.xml_lines import MarkupError, Node, parse
 
 SIZE_MAX = 2_000_000  # bytes
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-INERTIA_TOLERANCE = 1e-6  # of the triangle inequality, relative to the largest moment: files have about six digits
+# of the triangle inequality, relative to the largest moment: files have about six digits
+INERTIA_TOLERANCE = 1e-6
 _AXIS_TOLERANCE = 1e-3  # of the length of an axis: directions have few digits
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -35,7 +36,8 @@ _CHILDREN = {
     "robot": ("link", "joint"),
     "link": ("inertial", "visual", "collision"),
     "joint": (
-        "origin parent child axis limit dynamics mimic calibration safety_controller"  # those of the format
+        # those of the format
+        "origin parent child axis limit dynamics mimic calibration safety_controller"
     ).split(),
     "inertial": ("origin", "mass", "inertia"),
 }
@@ -69,7 +71,9 @@ class Inertial:
     def express_in_parent(self, pose: Pose) -> Inertial:
         """The same body, expressed in the parent of the frame with this pose."""
         R = pose.rotation
-        return Inertial(self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T, self.reduced)
+        return Inertial(
+            self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T, self.reduced
+        )
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,9 @@ class Urdf:
             with path.open("rb") as stream:
                 raw = stream.read(SIZE_MAX + 1)
         except OSError as error:
-            self.fail(0, "file", f"a file that cannot be read ({error.strerror})", "a readable URDF file")
+            self.fail(
+                0, "file", f"a file that cannot be read ({error.strerror})", "a readable URDF file"
+            )
         if len(raw) > SIZE_MAX:
             self.fail(0, "file", f"more than {SIZE_MAX} bytes", f"at most {SIZE_MAX} bytes")
         try:
@@ -138,7 +144,10 @@ class Urdf:
             self.fail(error.line, "file", error.given, error.expected)
         if root.tag != "robot":
             self.fail(
-                root.line, "file", f"the element {show(root.tag)}", "a URDF file, which starts with <robot name=...>"
+                root.line,
+                "file",
+                f"the element {show(root.tag)}",
+                "a URDF file, which starts with <robot name=...>",
             )
         self._check_spelling(root, "robot")
         self.name = self._attribute(root, "robot", "name")
@@ -194,7 +203,12 @@ class Urdf:
                 self.fail(node.line, f"{here}.{end}", "nothing", f'<{end} link="..."/>')
             link = self._attribute(inner, f"{here}.{end}", "link")
             if link not in self.links:
-                self.fail(inner.line, f"{here}.{end}", f"an unknown link {show(link)}", among(link, self.links))
+                self.fail(
+                    inner.line,
+                    f"{here}.{end}",
+                    f"an unknown link {show(link)}",
+                    among(link, self.links),
+                )
             ends.append(link)
         return Joint(name, kind, ends[0], ends[1], node)
 
@@ -204,8 +218,15 @@ class Urdf:
         for joint in self.joints.values():
             other = first.setdefault(joint.child, joint)
             if other is not joint:
-                given = f"{show(joint.child)}, which already is the child of joint {show(other.name)}"
-                self.fail(joint.node.line, f"{key('joint', joint.name)}.child", given, "one parent for each link")
+                given = (
+                    f"{show(joint.child)}, which already is the child of joint {show(other.name)}"
+                )
+                self.fail(
+                    joint.node.line,
+                    f"{key('joint', joint.name)}.child",
+                    given,
+                    "one parent for each link",
+                )
         roots = [name for name in self.links if name not in first]
         if len(roots) > 1:
             line = self.links[roots[1]].node.line
@@ -219,7 +240,12 @@ class Urdf:
                 todo.append(joint.child)
         for name, link in self.links.items():
             if name not in reached:
-                self.fail(link.node.line, key("link", name), "a link in a loop of joints", "one tree of links")
+                self.fail(
+                    link.node.line,
+                    key("link", name),
+                    "a link in a loop of joints",
+                    "one tree of links",
+                )
         if not self.links:
             self.fail(root.line, "robot", "no link", "links and joints")
 
@@ -246,11 +272,21 @@ class Urdf:
             given = "nothing" if name not in node.attributes else "an empty string"
             self.fail(node.line, f"{here}.{name}", given, f'the attribute {name}="..."')
         if len(value) > WIDTH:
-            self.fail(node.line, f"{here}.{name}", f"a text of {len(value)} characters", f"at most {WIDTH}")
+            self.fail(
+                node.line,
+                f"{here}.{name}",
+                f"a text of {len(value)} characters",
+                f"at most {WIDTH}",
+            )
         return value
 
     def _numbers(
-        self, node: Node, here: str, name: str, count: int = 1, default: Sequence[float] | None = None
+        self,
+        node: Node,
+        here: str,
+        name: str,
+        count: int = 1,
+        default: Sequence[float] | None = None,
     ) -> list[float]:
         if default is not None and name not in node.attributes:
             return list(default)
@@ -258,12 +294,19 @@ class Urdf:
         text = self._attribute(node, here, name)
         words = text.split()
         if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
-            hint = " (the file seems to be xacro source that is not expanded)" if "${" in text else ""
+            hint = (
+                " (the file seems to be xacro source that is not expanded)" if "${" in text else ""
+            )
             self.fail(node.line, f"{here}.{name}", show(text), expected + hint)
         values = [float(word) for word in words]
         largest = max(map(abs, values))
         if not largest <= LARGEST:
-            self.fail(node.line, f"{here}.{name}", show(text), f"{expected} of magnitude at most {LARGEST:g}")
+            self.fail(
+                node.line,
+                f"{here}.{name}",
+                show(text),
+                f"{expected} of magnitude at most {LARGEST:g}",
+            )
         return zero_tiny(values)
 
     def _pose(self, node: Node, here: str) -> Pose:
@@ -289,7 +332,9 @@ class Urdf:
         values = self._numbers(node, here, "xyz", 3)
         length = math.hypot(*values)
         if abs(length - 1.0) > _AXIS_TOLERANCE:
-            self.fail(node.line, f"{here}.xyz", show(node.attributes["xyz"]), "a direction of length 1")
+            self.fail(
+                node.line, f"{here}.xyz", show(node.attributes["xyz"]), "a direction of length 1"
+            )
         return [x / length for x in values]
 
     def mimic(self, joint: Joint) -> tuple[int, str, float, float] | None:
@@ -311,16 +356,28 @@ class Urdf:
             if joint.type == "continuous":
                 return None
             self.fail(
-                joint.node.line, f"{where}.limit", "nothing", f"<limit> with lower, upper, effort, velocity {switch}"
+                joint.node.line,
+                f"{where}.limit",
+                "nothing",
+                f"<limit> with lower, upper, effort, velocity {switch}",
             )
         here = f"{where}.limit"
-        for name in ("effort", "velocity") if joint.type == "continuous" else ("lower", "upper", "effort", "velocity"):
+        for name in (
+            ("effort", "velocity")
+            if joint.type == "continuous"
+            else ("lower", "upper", "effort", "velocity")
+        ):
             if name not in node.attributes:
                 self.fail(node.line, f"{here}.{name}", "nothing", f"a number {switch}")
         effort, velocity = (self._numbers(node, here, name)[0] for name in ("effort", "velocity"))
         for name, value in (("effort", effort), ("velocity", velocity)):
             if value <= 0.0:
-                self.fail(node.line, f"{here}.{name}", show(node.attributes[name]), f"a number > 0 {switch}")
+                self.fail(
+                    node.line,
+                    f"{here}.{name}",
+                    show(node.attributes[name]),
+                    f"a number > 0 {switch}",
+                )
         if joint.type == "continuous":
             return Limit(node.line, None, None, effort, velocity)
         lower, upper = (self._numbers(node, here, name)[0] for name in ("lower", "upper"))
@@ -339,7 +396,12 @@ class Urdf:
         for name in ("damping", "friction"):
             (value,) = self._numbers(node, f"{where}.dynamics", name, 1, (0.0,))
             if value < 0.0:
-                self.fail(node.line, f"{where}.dynamics.{name}", show(node.attributes[name]), "a number >= 0")
+                self.fail(
+                    node.line,
+                    f"{where}.dynamics.{name}",
+                    show(node.attributes[name]),
+                    "a number >= 0",
+                )
             values.append(value)
         return node.line, values[0], values[1]
 
@@ -368,7 +430,9 @@ class Urdf:
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         line = parts["inertia"].line
         if mass == 0.0 and any(moments):
-            self.fail(line, f"{here}.inertia", "an inertia without a mass", "a mass > 0, or no inertia")
+            self.fail(
+                line, f"{here}.inertia", "an inertia without a mass", "a mass > 0, or no inertia"
+            )
         if any(moments):
             self._check_inertia(tensor, line, link, reduced)
         pose = self._pose(node, here)
@@ -384,7 +448,10 @@ class Urdf:
         table = f"in the overlay: [link.{bare(link.name)}]"
         if low < -1e-9:
             self.fail(
-                line, here, given, f"principal moments >= 0 (or {table} body = {{ mass = ..., inertia = [...] }})"
+                line,
+                here,
+                given,
+                f"principal moments >= 0 (or {table} body = {{ mass = ..., inertia = [...] }})",
             )
         if not reduced and low + middle < high * (1.0 - INERTIA_TOLERANCE):
             wanted = f"no moment larger than the sum of the other two (or {table} inertia_reduced = true)"

@@ -82,14 +82,20 @@ def find_chain(
         if not step.movable or step.name in locked:
             here = here @ fixed_pose(urdf, step, locked)
         else:
-            _check_type(urdf, step, [segment.joint.name for segment in segments if urdf.mimic(segment.joint) is None])
+            _check_type(
+                urdf,
+                step,
+                [segment.joint.name for segment in segments if urdf.mimic(segment.joint) is None],
+            )
             mimic = urdf.mimic(step)
             origin = here @ (urdf.origin(step) if mimic is None else _pose_at(urdf, step, mimic[3]))
             segments.append(Segment(step, urdf.links[step.child], origin, last))
             bodies.append([])
             last, here = len(segments) - 1, identity_pose()
         if last >= 0:
-            bodies[last] += _collect_fixed(urdf, step.child, here, on_path, locked, dropped, inertial)
+            bodies[last] += _collect_fixed(
+                urdf, step.child, here, on_path, locked, dropped, inertial
+            )
         found[step.child] = last, here
     for tip in tips:
         if found[tip][0] < 0:
@@ -145,7 +151,10 @@ def _path(urdf: Urdf, base: str, tip: str) -> list[Joint]:
         if holder is None:
             given = f"{show(tip)}, which is not behind {show(base)} (its root is {show(link)})"
             urdf.fail(
-                urdf.links[tip].node.line, key("link", tip), given, "a tip that is behind the base in the tree of links"
+                urdf.links[tip].node.line,
+                key("link", tip),
+                given,
+                "a tip that is behind the base in the tree of links",
             )
         out.append(holder)
         link = holder.parent
@@ -159,8 +168,13 @@ def _check_type(urdf: Urdf, joint: Joint, before: Sequence[str]) -> None:
         urdf.fail(joint.node.line, f"{key('joint', joint.name)}.type", show(joint.type), expected)
     mimic = urdf.mimic(joint)
     if mimic is not None and mimic[1] not in before:
-        given, there = f"a joint that mimics {show(mimic[1])}", ", ".join(map(show, before)) or "none"
-        expected = f"a joint of the chain that stands before it and mimics no other one ({there}) {lock}"
+        given, there = (
+            f"a joint that mimics {show(mimic[1])}",
+            ", ".join(map(show, before)) or "none",
+        )
+        expected = (
+            f"a joint of the chain that stands before it and mimics no other one ({there}) {lock}"
+        )
         urdf.fail(mimic[0], f"{key('joint', joint.name)}.mimic", given, expected)
 
 

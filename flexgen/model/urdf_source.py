@@ -34,7 +34,11 @@ def find_urdf(table: Table, folder: Path) -> tuple[Path, str]:
     text: str = URDF["file"].read(table, Context())
     path = locate(text, folder)
     if path is None:
-        expected = f"a file of a package found in {SEARCHED}" if text.startswith(PACKAGE) else "the path of a URDF file"
+        expected = (
+            f"a file of a package found in {SEARCHED}"
+            if text.startswith(PACKAGE)
+            else "the path of a URDF file"
+        )
         raise table.fail("file", expected, f"{show(text)}, which is not a file")
     return path, from_here(path)
 
@@ -52,7 +56,11 @@ def source_files(model_file: str) -> list[Path]:
     if own is None:
         return []
     try:
-        table = tomllib.loads(own.read_text(encoding="utf-8-sig")).get("urdf") if own.suffix == ".toml" else None
+        table = (
+            tomllib.loads(own.read_text(encoding="utf-8-sig")).get("urdf")
+            if own.suffix == ".toml"
+            else None
+        )
     except (OSError, ValueError):  # it changed since it was read
         table = None
     text = table.get("file") if isinstance(table, dict) else None
@@ -110,7 +118,9 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
         file, ends = text, ""
     if not _is_urdf(file):
         if base is not None or tip is not None:
-            raise ArgumentError(f"base and tip: given with the model {text!r}, expected a .urdf file with them")
+            raise ArgumentError(
+                f"base and tip: given with the model {text!r}, expected a .urdf file with them"
+            )
         return None
     if ends:
         if base is not None or tip is not None:
@@ -122,7 +132,9 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
     path = locate(file, Path())
     if path is None:
         where = f" below {SEARCHED}" if file.startswith(PACKAGE) else ""
-        raise ArgumentError(f"model: given {file!r}, which is not a file{where}, expected the path of a .urdf file")
+        raise ArgumentError(
+            f"model: given {file!r}, which is not a file{where}, expected the path of a .urdf file"
+        )
     if not base or not tip:
         from flexgen.model.urdf import Urdf
 

@@ -16,7 +16,13 @@ from flexgen.spec.parts import GearFriction
 from flexgen.spec.schema import write
 from flexgen.type_checks import checked_types
 
-TABLES = {"cogging": COGGING, "torque_ripple": RIPPLE, "encoder_error": ENCODER_ERROR, "lugre": LUGRE}  # of a motor
+# of a motor
+TABLES = {
+    "cogging": COGGING,
+    "torque_ripple": RIPPLE,
+    "encoder_error": ENCODER_ERROR,
+    "lugre": LUGRE,
+}
 
 
 @checked_types
@@ -91,7 +97,9 @@ def counts(robot: RobotModel) -> dict[str, int]:
 
 @checked_types
 def describe(
-    model: str | Path | RobotModel, variant: str | None = None, overrides: Mapping[str, Any] | None = None
+    model: str | Path | RobotModel,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Describe one model in full: coordinates, gears, motors, bodies, output, moves, variants.
 
@@ -130,18 +138,25 @@ def describe(
         "file": robot.file,
         **counts(robot),
         **_fields(robot, "gravity", "motor_coupling", "home", *["temperature"] * warm),
-        "bodies": [_fields(element, "name") | _fields(element.body, "mass", "com") for element in robot.elements],
+        "bodies": [
+            _fields(element, "name") | _fields(element.body, "mass", "com")
+            for element in robot.elements
+        ],
         "coordinates": [_coordinate(c) for c in robot.coordinates],
         "motors": [_motor(robot, m) for m in robot.motors],
         "sensors": [
-            _fields(sensor, "name", "type", "place", "channels", "unit", "noise", "sample_s", "delay_s")
+            _fields(
+                sensor, "name", "type", "place", "channels", "unit", "noise", "sample_s", "delay_s"
+            )
             for sensor in robot.sensors
         ],
         "output": {
             **_fields(robot.output, "type", "size"),
             "axes": robot.output.axes if robot.output.type == "tool_position" else None,
             "weights": [list(row) for row in robot.output.weights] or None,
-            "unit": {"combination": robot.output.unit, "tool_pose": "m and rad"}.get(robot.output.type, "m"),
+            "unit": {"combination": robot.output.unit, "tool_pose": "m and rad"}.get(
+                robot.output.type, "m"
+            ),
         },
         "moves": [
             {
@@ -191,8 +206,14 @@ def _dof(dof: Dof) -> dict[str, Any]:
         "spring": None if dof.spring is None else write(JOINT_SPRING, dof.spring),
         "damping": dof.damping if dof.spring is not None else None,
         "friction": _friction(dof.friction),
-        **_other_fields(dof, "name", "type", "axis", "gear", "spring", "damping", "friction", "counterbalance"),
-    } | ({"counterbalance": [list(pair) for pair in dof.counterbalance]} if dof.counterbalance else {})
+        **_other_fields(
+            dof, "name", "type", "axis", "gear", "spring", "damping", "friction", "counterbalance"
+        ),
+    } | (
+        {"counterbalance": [list(pair) for pair in dof.counterbalance]}
+        if dof.counterbalance
+        else {}
+    )
 
 
 def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
@@ -202,7 +223,9 @@ def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
         "ratio_unit": [f"rad/{units[name]}" for name in motor.drives],
         "inertia": motor.inertia,
         "friction": _friction(motor.friction),
-        **_other_fields(motor, "name", "drives", "ratio", "inertia", "friction", "axis", "carrier", *TABLES),
+        **_other_fields(
+            motor, "name", "drives", "ratio", "inertia", "friction", "axis", "carrier", *TABLES
+        ),
         **{
             key: None if getattr(motor, key) is None else write(form, getattr(motor, key))
             for key, form in TABLES.items()

@@ -88,7 +88,9 @@ def evaluate(function: ca.Function, *points: np.ndarray) -> list[np.ndarray]:
         batched.append(True)
     call = function if n == 1 else function.map(n)
     _MAPS.append(call)
-    filled = [c if b or n == 1 else np.tile(c, (1, n)) for c, b in zip(columns, batched, strict=True)]
+    filled = [
+        c if b or n == 1 else np.tile(c, (1, n)) for c, b in zip(columns, batched, strict=True)
+    ]
     out = []
     for k, result in enumerate(_call(call, filled)):
         rows, cols = function.size_out(k)

@@ -38,7 +38,10 @@ def with_executor(
     running: dict[Any, tuple[JobT, int]] = {}
     try:
         while True:
-            running |= {executor.submit(work, shard): (shard, 1) for shard in islice(todo, most - len(running))}
+            running |= {
+                executor.submit(work, shard): (shard, 1)
+                for shard in islice(todo, most - len(running))
+            }
             if not running:
                 return
             for future in _wait_for_first(list(running)):

@@ -34,7 +34,13 @@ class Lag:
         shape = (*self.decay.shape, *(1,) * (tau.ndim - 3))
         w = [self.weights[:, :, i].reshape(shape) for i in range(6)]
         out = w[0] * tau[0, :-1]
-        for i, values in ((1, tau[1, :-1]), (2, tau[2, :-1]), (3, tau[0, 1:]), (4, tau[1, 1:]), (5, tau[2, 1:])):
+        for i, values in (
+            (1, tau[1, :-1]),
+            (2, tau[2, :-1]),
+            (3, tau[0, 1:]),
+            (4, tau[1, 1:]),
+            (5, tau[2, 1:]),
+        ):
             out += w[i] * values
         return out
 

@@ -25,7 +25,9 @@ def bandwidth(signals: Sequence[np.ndarray], step: float) -> float:
     for x in signals:
         window = np.hanning(len(x))[:, None]
         rows = x.reshape(len(x), -1)
-        lines = (np.abs(np.fft.rfft(window * (rows - rows.mean(axis=0)), 2 * cells, axis=0)) ** 2).sum(axis=1)
+        lines = (
+            np.abs(np.fft.rfft(window * (rows - rows.mean(axis=0)), 2 * cells, axis=0)) ** 2
+        ).sum(axis=1)
         power = lines + (power if len(power) else 0.0)
     total = np.cumsum(power)
     return float(np.searchsorted(total, POWER * total[-1]) / (2 * cells * step))
@@ -45,12 +47,15 @@ class LowPass:
     def __init__(self, step: float, limit: float) -> None:
         self.half = round(LENGTH / (limit * step) / 2)
         self.every = max(1, int(1 / (RATE * limit * step)))
-        self.first = -(-2 * self.half // self.every)  # of the samples of the whole convolution that are kept
+        # of the samples of the whole convolution that are kept
+        self.first = -(-2 * self.half // self.every)
         self._taps = firwin(2 * self.half + 1, limit, fs=1 / step, window=("kaiser", SHAPE))
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """The samples (n, ...) that are kept, filtered."""
-        rows = upfirdn(self._taps, x, down=self.every, axis=0)[self.first : -(-len(x) // self.every)]
+        rows = upfirdn(self._taps, x, down=self.every, axis=0)[
+            self.first : -(-len(x) // self.every)
+        ]
         return np.asarray(rows)
 
     def kept(self, x: np.ndarray) -> np.ndarray:
@@ -59,5 +64,10 @@ class LowPass:
 
     def whole(self, x: np.ndarray) -> np.ndarray:
         """All samples (n, ...), filtered; at the ends those of a signal that is mirrored there."""
-        padded = np.pad(x, ((self.half, self.half), *[(0, 0)] * (x.ndim - 1)), mode="reflect", reflect_type="odd")
+        padded = np.pad(
+            x,
+            ((self.half, self.half), *[(0, 0)] * (x.ndim - 1)),
+            mode="reflect",
+            reflect_type="odd",
+        )
         return np.asarray(upfirdn(self._taps, padded, axis=0)[2 * self.half : len(padded)])

@@ -131,7 +131,13 @@ def solve_nlp(
     OutOfTime where a time limit ends first, see `flexgen.deadline`.
     """
     check_time(BUILDING)
-    x, cost, g, jacobian, hessian = program.x, program.cost, program.g, program.jacobian, program.hessian
+    x, cost, g, jacobian, hessian = (
+        program.x,
+        program.cost,
+        program.g,
+        program.jacobian,
+        program.hessian,
+    )
     n_g = g.shape[0]
     options = _options(max_iterations, tolerance, optimality or tolerance)
     p = ca.MX.sym("p", 0)
@@ -170,9 +176,13 @@ def solve_nlp(
     stats = solver.stats()
     violation = _violation(np.array(answer["g"]).ravel(), lower, upper)
     # the success that IPOPT reports is checked: the constraints have to hold
-    success = bool(stats["success"]) and violation <= 100 * tolerance and bool(np.isfinite(violation))
+    success = (
+        bool(stats["success"]) and violation <= 100 * tolerance and bool(np.isfinite(violation))
+    )
     if not success:
-        check_time(f"IPOPT, iteration {int(stats['iter_count'])}, largest violation {violation:.2e}")
+        check_time(
+            f"IPOPT, iteration {int(stats['iter_count'])}, largest violation {violation:.2e}"
+        )
     return NlpResult(
         status=str(stats["return_status"]),
         success=success,

@@ -31,12 +31,16 @@ def fit_levels(C: np.ndarray, G: np.ndarray, powers: np.ndarray) -> tuple[np.nda
         levels = nnls(M, np.concatenate([target.real, target.imag]))[0] / scale
         L = np.linalg.cholesky(regular(structured_covariance(G, powers, levels[:n], levels[n:])))
         white = np.linalg.inv(L)
-        misfit = np.linalg.norm(white @ C @ white.conj().swapaxes(-1, -2) - np.eye(n_o), axis=(-2, -1))
+        misfit = np.linalg.norm(
+            white @ C @ white.conj().swapaxes(-1, -2) - np.eye(n_o), axis=(-2, -1)
+        )
         trust = np.minimum(1.0, np.median(misfit) / np.maximum(misfit, 1e-300))[..., None, None]
     return levels[:n], levels[n:]
 
 
-def structured_covariance(G: np.ndarray, powers: np.ndarray, torque: np.ndarray, output: np.ndarray) -> np.ndarray:
+def structured_covariance(
+    G: np.ndarray, powers: np.ndarray, torque: np.ndarray, output: np.ndarray
+) -> np.ndarray:
     """``G S_u G^H + w^(2 m) S_y`` (k, lines, n_o, n_o); ``powers``: w^(2 m) (lines, n_o)."""
     white = (powers * output)[:, :, None] * np.eye(G.shape[-2])
     return regular((G * torque) @ G.conj().swapaxes(-1, -2) + white.astype(complex))

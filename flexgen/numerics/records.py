@@ -17,7 +17,9 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.npz_files import NpzError, read_npz
 
-FINE = 100  # least steps, over the resolution, in which one repeated sample is seen; in coarser ones a number of them
+# least steps, over the resolution, in which one repeated sample is seen; in coarser ones a number
+# of them
+FINE = 100
 COARSE = 4
 TRANSIENT = "a transient remains"  # the words of a warning that withholds intervals
 SURE = 6.0  # standard deviations of a ratio of powers
@@ -49,10 +51,13 @@ def first_period_excess(X: np.ndarray) -> np.ndarray:
     power = np.abs(np.diff(X, axis=1)) ** 2
     later = power[:, 1:].mean(axis=(0, 1))  # (lines, c)
     each = later.sum(axis=0)
-    count = 2 * len(X) * each**2 / np.maximum((later**2).sum(axis=0), 1e-300)  # real numbers of the same power
+    # real numbers of the same power
+    count = 2 * len(X) * each**2 / np.maximum((later**2).sum(axis=0), 1e-300)
     ratio = power[:, 0].mean(axis=0).sum(axis=0) / np.maximum(each, 1e-300)
     large = power[:, 0].mean(axis=(0, 1)) > SMALLEST**2 * (np.abs(X) ** 2).mean(axis=(0, 1, 2))
-    return np.asarray(np.where((ratio > 1 + SURE * np.sqrt(4 / np.maximum(count, 1))) & large, ratio, 1.0))
+    return np.asarray(
+        np.where((ratio > 1 + SURE * np.sqrt(4 / np.maximum(count, 1))) & large, ratio, 1.0)
+    )
 
 
 def first_period_differs(*signals: np.ndarray) -> np.ndarray:
@@ -67,9 +72,13 @@ def slow_transients(X: np.ndarray) -> np.ndarray:
         return np.zeros(X.shape[-1], bool)
     power = (np.abs(D) ** 2).mean(axis=(0, 1))  # (lines, c)
     each, pairs = power.sum(axis=0), D.shape[0] * (D.shape[1] - 1)
-    kept = np.abs((D[:, 1:] * D[:, :-1].conj()).sum(axis=(0, 1, 2))) / np.maximum(pairs * each, 1e-300)
+    kept = np.abs((D[:, 1:] * D[:, :-1].conj()).sum(axis=(0, 1, 2))) / np.maximum(
+        pairs * each, 1e-300
+    )
     count = pairs * each**2 / np.maximum((power**2).sum(axis=0), 1e-300)
-    large = power.mean(axis=0) > SMALLEST**2 * (np.abs(X) ** 2).reshape(-1, X.shape[-1]).mean(axis=0)
+    large = power.mean(axis=0) > SMALLEST**2 * (np.abs(X) ** 2).reshape(-1, X.shape[-1]).mean(
+        axis=0
+    )
     return np.asarray((kept > 0.5 + SURE / np.sqrt(np.maximum(count, 1))) & large)
 
 
@@ -82,7 +91,9 @@ def read_named(file: Path, size_max: int) -> dict[str, Any]:
         The file is larger than ``size_max`` bytes, cannot be read, or ends otherwise.
     """
     if file.stat().st_size > size_max:
-        raise ArgumentError(f"{file}: given {file.stat().st_size} bytes, expected at most {size_max}")
+        raise ArgumentError(
+            f"{file}: given {file.stat().st_size} bytes, expected at most {size_max}"
+        )
     if file.suffix == ".npz":
         try:
             return dict(read_npz(file, size_max))
@@ -96,8 +107,14 @@ def read_named(file: Path, size_max: int) -> dict[str, Any]:
         try:
             found = loadmat(str(file))
         except Exception as error:  # the reader raises many kinds for a damaged file
-            raise ArgumentError(f"{file}: cannot be read as a MAT file of version 5 ({error})") from None
-        return {name: x for name, x in found.items() if isinstance(x, np.ndarray) and not name.startswith("_")}
+            raise ArgumentError(
+                f"{file}: cannot be read as a MAT file of version 5 ({error})"
+            ) from None
+        return {
+            name: x
+            for name, x in found.items()
+            if isinstance(x, np.ndarray) and not name.startswith("_")
+        }
     raise ArgumentError(f"{file}: given the ending {file.suffix!r}, expected .mat, .npz or .csv")
 
 
@@ -110,9 +127,13 @@ def _csv(file: Path) -> dict[str, Any]:
                 raise ValueError("no numbers")
             values = np.loadtxt(chain([first], stream), delimiter=",", ndmin=2)
     except (OSError, ValueError) as error:
-        expected = "names in line 1, then numbers with a decimal point, and commas between the columns"
+        expected = (
+            "names in line 1, then numbers with a decimal point, and commas between the columns"
+        )
         why = str(error).partition("; use")[0]
         raise ArgumentError(f"{file}: cannot be read: {why}; expected {expected}") from None
     if values.shape[1] != len(names) or len(set(names)) != len(names):
-        raise ArgumentError(f"{file}: given {values.shape[1]} columns and the names {names}, expected one name each")
+        raise ArgumentError(
+            f"{file}: given {values.shape[1]} columns and the names {names}, expected one name each"
+        )
     return dict(zip(names, values.T, strict=True))

@@ -25,7 +25,9 @@ LEAST = 1e-9  # of the information of a block that other blocks have too
 LAGS = 20  # of the autocorrelations that are compared with those of white noise
 
 
-def covariance(X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior: np.ndarray, block: int) -> np.ndarray:
+def covariance(
+    X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior: np.ndarray, block: int
+) -> np.ndarray:
     """Covariance of the numbers of a linear fit from blocks of its errors.
 
     Parameters

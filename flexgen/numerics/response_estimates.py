@@ -29,7 +29,10 @@ class Estimate:
 
 
 def estimate(
-    U: np.ndarray, Y: np.ndarray, average: str = "arithmetic", noise: tuple[np.ndarray, np.ndarray] | None = None
+    U: np.ndarray,
+    Y: np.ndarray,
+    average: str = "arithmetic",
+    noise: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Estimate:
     """Frequency responses from the spectra of inputs and outputs.
 
@@ -54,7 +57,9 @@ def estimate(
     weakest = np.linalg.svd(mean_U, compute_uv=False)[..., -1]
     if U.shape[4] > mean_U.shape[-1] or np.any(weakest <= 1e-9 * np.abs(mean_U).max(axis=(-2, -1))):
         raise np.linalg.LinAlgError("dependent inputs")
-    each = np.linalg.solve((mean_U @ _H(mean_U)).swapaxes(-1, -2), (mean_Y @ _H(mean_U)).swapaxes(-1, -2))
+    each = np.linalg.solve(
+        (mean_U @ _H(mean_U)).swapaxes(-1, -2), (mean_Y @ _H(mean_U)).swapaxes(-1, -2)
+    )
     each = each.swapaxes(-1, -2)  # (k, realizations, lines, outputs, inputs)
     if noise is None:
         V, count = Y - each[:, :, None] @ U, max((P - 1) * E * R, 1)
@@ -67,7 +72,10 @@ def estimate(
     noise_UU, noise_YU = (scale * (x @ _H(away_U)).sum(axis=(1, 2)) for x in (away_U, away_Y))
     UU = (mean_U @ _H(mean_U)).sum(axis=1) / (P if average == "h1" else 1)
     S = np.linalg.inv(UU) / (P if noise is None else 1)
-    variance = np.real(np.einsum("klaa->kla", C))[..., :, None] * np.real(np.einsum("klbb->klb", S))[..., None, :]
+    variance = (
+        np.real(np.einsum("klaa->kla", C))[..., :, None]
+        * np.real(np.einsum("klbb->klb", S))[..., None, :]
+    )
     total = np.var(each, axis=1, ddof=1) / R if R > 1 else None
     return Estimate(_average(each, average), UU, C, variance, total, noise_UU, noise_YU)
 

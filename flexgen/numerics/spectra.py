@@ -64,7 +64,9 @@ def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
     return np.concatenate([-chosen[::-1], chosen])
 
 
-def spectra_beside(x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period: int, periods: int) -> np.ndarray:
+def spectra_beside(
+    x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period: int, periods: int
+) -> np.ndarray:
     """Contribution of one period (N, n) to the spectra (offsets, lines, n) of the whole record beside the lines.
 
     ``period``: its number, from 0, of ``periods``.
@@ -108,7 +110,9 @@ def all_spectra_beside(x: np.ndarray, lines: np.ndarray) -> dict[str, Any]:
     return out
 
 
-def checked_beside(arrays: dict[str, np.ndarray], runs: tuple[int, ...], last: tuple[int, ...]) -> dict[str, Any]:
+def checked_beside(
+    arrays: dict[str, np.ndarray], runs: tuple[int, ...], last: tuple[int, ...]
+) -> dict[str, Any]:
     """The arrays `SPECTRA_BESIDE` of a file, (*runs, offsets, *last); ValueError where they have other sizes."""
     out: dict[str, Any] = {name: arrays[name] for name in SPECTRA_BESIDE if name in arrays}
     for names in (SPECTRA_BESIDE[:2], SPECTRA_BESIDE[2:]):
@@ -151,4 +155,6 @@ def without_transients(lines: np.ndarray, beside: np.ndarray, offsets: np.ndarra
     fit = np.linalg.pinv(A)  # (degree + 1, offsets)
     transient = np.einsum("d,...dln->...ln", fit[0], beside)
     smooth = np.einsum("ed,...dln->...eln", A @ fit, beside)
-    return SteadySpectra(lines - transient, beside - smooth, len(offsets) - degree - 1, 1.0 + float(fit[0] @ fit[0]))
+    return SteadySpectra(
+        lines - transient, beside - smooth, len(offsets) - degree - 1, 1.0 + float(fit[0] @ fit[0])
+    )

@@ -29,20 +29,29 @@ class Tableau:
 
     def __post_init__(self) -> None:
         for k in range(1, self.order + 1):  # B(order): sum b c^(k-1) = 1/k
-            assert abs(self.b @ self.c ** (k - 1) - 1 / k) < 1e-12, f"{self.name}: order condition {k}"
+            assert abs(self.b @ self.c ** (k - 1) - 1 / k) < 1e-12, (
+                f"{self.name}: order condition {k}"
+            )
         for k in range(1, len(self.c) + 1):  # C(s): sum A c^(k-1) = c^k/k
-            assert np.allclose(self.A @ self.c ** (k - 1), self.c**k / k, atol=1e-12), f"{self.name}: stage order {k}"
+            assert np.allclose(self.A @ self.c ** (k - 1), self.c**k / k, atol=1e-12), (
+                f"{self.name}: stage order {k}"
+            )
 
     def lagrange(self, theta: np.ndarray) -> np.ndarray:
         """Values of the Lagrange polynomials of the nodes at ``theta``, (n, s)."""
         others = [np.delete(self.c, j) for j in range(len(self.c))]
-        columns = [np.prod((theta[:, None] - o) / (c - o), axis=1) for c, o in zip(self.c, others, strict=True)]
+        columns = [
+            np.prod((theta[:, None] - o) / (c - o), axis=1)
+            for c, o in zip(self.c, others, strict=True)
+        ]
         return np.stack(columns, axis=1)
 
     def weights(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals ``int_0^theta l_j`` and ``int int l_j`` for dense output, each (n, s)."""
         once, twice = _integrals(self.c)
-        return np.array([[p(x) for p in once] for x in theta]), np.array([[p(x) for p in twice] for x in theta])
+        return np.array([[p(x) for p in once] for x in theta]), np.array(
+            [[p(x) for p in twice] for x in theta]
+        )
 
 
 def _integrals(c: np.ndarray) -> tuple[list[Polynomial], list[Polynomial]]:
@@ -57,8 +66,13 @@ def _integrals(c: np.ndarray) -> tuple[list[Polynomial], list[Polynomial]]:
 
 def _tableau(name: str, c: np.ndarray, order: int) -> Tableau:
     once, twice = _integrals(c)
-    A, AA = np.array([[p(x) for p in once] for x in c]), np.array([[p(x) for p in twice] for x in c])
-    return Tableau(name, c, A, np.array([p(1.0) for p in once]), AA, np.array([p(1.0) for p in twice]), order)
+    A, AA = (
+        np.array([[p(x) for p in once] for x in c]),
+        np.array([[p(x) for p in twice] for x in c]),
+    )
+    return Tableau(
+        name, c, A, np.array([p(1.0) for p in once]), AA, np.array([p(1.0) for p in twice]), order
+    )
 
 
 def gauss(stages: int) -> Tableau:

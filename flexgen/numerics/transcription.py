@@ -130,12 +130,21 @@ class Transcription:
         entries = [(at, after, one), (at, here, -one), (at, here + n, -h)]
         entries += [(at + n, after + n, one), (at + n, here + n, -one)]
         for j in range(self.s):
-            entries += [(at, inner + n * j, -(h**2) * self.table.bb[j]), (at + n, inner + n * j, -h * self.table.b[j])]
+            entries += [
+                (at, inner + n * j, -(h**2) * self.table.bb[j]),
+                (at + n, inner + n * j, -h * self.table.b[j]),
+            ]
         rows, cols, values = (np.concatenate(x) for x in zip(*entries, strict=True))
         return sp.csc_matrix((values, (rows, cols)), shape=(2 * n * self.N, self.size))
 
     def constraints(
-        self, x: ca.MX, rows: ca.SX, symbols: list[ca.SX], values: list[np.ndarray], scale_x: np.ndarray, x0: np.ndarray
+        self,
+        x: ca.MX,
+        rows: ca.SX,
+        symbols: list[ca.SX],
+        values: list[np.ndarray],
+        scale_x: np.ndarray,
+        x0: np.ndarray,
     ) -> tuple[ca.MX, ca.MX, np.ndarray]:
         """Scaled constraints of all instants, then of all nodes, with their Jacobian, put together block by block.
 
@@ -166,20 +175,32 @@ class Transcription:
         size = np.full(m, 1e-300)
         for k in np.unique(np.linspace(0, count - 1, 5).astype(int)):
             first = np.zeros(block.shape)
-            first[row, col] = np.array(local(x0[self.where[k]], *[p[:, k] for p in values])[1]).ravel()
+            first[row, col] = np.array(
+                local(x0[self.where[k]], *[p[:, k] for p in values])[1]
+            ).ravel()
             size = np.maximum(size, np.abs(first * scale_x[self.where[k]]).max(axis=1))
         scale = 1 / size
-        gathered = ca.reshape((x * ca.DM(scale_x))[self.where.ravel().tolist()], self.where.shape[1], count)
+        gathered = ca.reshape(
+            (x * ca.DM(scale_x))[self.where.ravel().tolist()], self.where.shape[1], count
+        )
         found, slopes = local.map(count)(gathered, *[ca.DM(p) for p in values])
         between = self.continuity
         scale_g = np.r_[np.tile(scale, count), np.tile(1 / scale_x[: 2 * self.n], self.N)]
-        g = ca.vertcat(ca.vec(found), ca.mtimes(ca.DM(between), x * ca.DM(scale_x))) * ca.DM(scale_g)
+        g = ca.vertcat(ca.vec(found), ca.mtimes(ca.DM(between), x * ca.DM(scale_x))) * ca.DM(
+            scale_g
+        )
         fixed = between.tocoo()
-        all_rows = np.concatenate([(np.arange(count)[:, None] * m + row).ravel(), m * count + fixed.row])
+        all_rows = np.concatenate(
+            [(np.arange(count)[:, None] * m + row).ravel(), m * count + fixed.row]
+        )
         all_cols = np.concatenate([self.where[:, col].ravel(), fixed.col])
         order = np.lexsort((all_rows, all_cols))  # column by column, as CasADi stores it
-        entries = ca.vertcat(ca.vec(slopes), ca.DM(fixed.data)) * ca.DM(scale_g[all_rows] * scale_x[all_cols])
-        pattern = ca.Sparsity.triplet(m * count + between.shape[0], self.size, all_rows.tolist(), all_cols.tolist())
+        entries = ca.vertcat(ca.vec(slopes), ca.DM(fixed.data)) * ca.DM(
+            scale_g[all_rows] * scale_x[all_cols]
+        )
+        pattern = ca.Sparsity.triplet(
+            m * count + between.shape[0], self.size, all_rows.tolist(), all_cols.tolist()
+        )
         return g, ca.MX(pattern, entries[order.tolist()]), scale
 
 

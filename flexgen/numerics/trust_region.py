@@ -95,7 +95,8 @@ def minimize(
         step[free] = _step(matrix[np.ix_(free, free)], whole[free], radius)
         there = np.clip(x + step, lower, upper)  # exactly at a bound where one is reached
         step = there - x
-        gain = -float(2 * whole @ step + step @ matrix @ step)  # of the objective, by the quadratic model
+        # of the objective, by the quadratic model
+        gain = -float(2 * whole @ step + step @ matrix @ step)
         size = float(np.linalg.norm(step))
         inner = np.ix_(free, free)
         left = float(whole[free] @ np.linalg.lstsq(matrix[inner], whole[free], rcond=1e-14)[0])

@@ -86,7 +86,9 @@ class CollisionDetector:
     False
     """
 
-    def __init__(self, model: RobotModel, sample_s: float, bandwidth_hz: float = BANDWIDTH_HZ) -> None:
+    def __init__(
+        self, model: RobotModel, sample_s: float, bandwidth_hz: float = BANDWIDTH_HZ
+    ) -> None:
         check_positive("sample_s", sample_s, "a time > 0 in s")
         if not (is_number(bandwidth_hz) and 0 < bandwidth_hz < 0.1 / sample_s):
             raise ArgumentError(
@@ -114,11 +116,15 @@ class CollisionDetector:
         memory[:1] = np.array([n_m, 0], np.int32).view(np.float64)
         memory[1:3] = self.sample_s, 2 * np.pi * self.bandwidth_hz
         residual = np.empty_like(p)
-        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (memory, p, driven, self.thresholds, residual)]
+        pointers = [
+            ctypes.c_void_p(x.ctypes.data) for x in (memory, p, driven, self.thresholds, residual)
+        ]
         hit = self._module.flexgen_collision_run(pointers[0], ctypes.c_int64(len(p)), *pointers[1:])
         return Detection(residual, None if hit < 0 else int(hit), self.false_alarms)
 
-    def calibrate(self, records: Iterable[tuple[np.ndarray, np.ndarray]], margin: float = MARGIN) -> np.ndarray:
+    def calibrate(
+        self, records: Iterable[tuple[np.ndarray, np.ndarray]], margin: float = MARGIN
+    ) -> np.ndarray:
         """Set the thresholds (n_m,) from records ``(q_m, tau_m)`` without contact.
 
         Their number gives ``false_alarms``: record 60 for 6 motors and at most one alarm in ten runs.
@@ -137,12 +143,16 @@ class CollisionDetector:
         model, h, i_g = self.model, self.sample_s, list(self.model.i_g)
         q_m, tau_m = np.asarray(q_m, dtype=float), np.asarray(tau_m, dtype=float)
         if q_m.shape != tau_m.shape or q_m.ndim != 2 or q_m.shape[1] != model.n_m or len(q_m) < 3:
-            raise ArgumentError(f"record: given shapes {q_m.shape}, {tau_m.shape}, expected (n, {model.n_m}) twice")
+            raise ArgumentError(
+                f"record: given shapes {q_m.shape}, {tau_m.shape}, expected (n, {model.n_m}) twice"
+            )
         v_m = np.diff(q_m, axis=0, prepend=q_m[:1]) / h
         to_joint = np.linalg.inv(model.eta)
         q, v = np.zeros((len(q_m), model.n_a)), np.zeros((len(q_m), model.n_a))
         q[:, i_g], v[:, i_g] = q_m @ to_joint.T, v_m @ to_joint.T
-        M = np.asarray(self._library.mass_matrix(q)).reshape(len(q), model.n_a, model.n_a)[:, i_g][:, :, i_g]
+        M = np.asarray(self._library.mass_matrix(q)).reshape(len(q), model.n_a, model.n_a)[:, i_g][
+            :, :, i_g
+        ]
         h_bias = np.asarray(self._library.bias(q, v)).reshape(len(q), -1)[:, i_g]
         friction = np.asarray(self._library.motor_friction(v_m)).reshape(v_m.shape)
         v_g = v[:, i_g]

@@ -107,7 +107,11 @@ class ConstantGainObserver:
             raise ArgumentError(f"parts: given {parts!r}, expected 1 to 10000")
         case = control_case(solution.model, solution=solution, sample_time=sample_time)
         self.channels = channels_of(case.model, outputs, noise)
-        self.model, self.outputs, self.sample_time = self.channels.model, self.channels.names, float(sample_time)
+        self.model, self.outputs, self.sample_time = (
+            self.channels.model,
+            self.channels.names,
+            float(sample_time),
+        )
         self.noises = Noises(case.model, torque_noise, disturbance_rate, tool_force)
         self.states = state_names(self.model, True)
         self.time = case.reference.time
@@ -124,7 +128,9 @@ class ConstantGainObserver:
             at = poses.at([x[k : k + 1] for x in motion])
             if k == 0:
                 check_observable(at, self.channels, self.states, self.noises, self.model.n_m)
-            found.append(stationary(at, self.channels.index, self.channels.noise, self.noises, sample_time))
+            found.append(
+                stationary(at, self.channels.index, self.channels.noise, self.noises, sample_time)
+            )
         self.matrices = tuple(np.array(x) for x in zip(*found, strict=True))
         self.gains = self.matrices[-1]
         self._make(case.reference.motion, case.reference.held, native)
@@ -137,11 +143,15 @@ class ConstantGainObserver:
         model, order, index = self.model, self._order, self.channels.index[self._order]
         n_x, n_m, n_y, n_dense = 2 * model.dof, model.n_m, len(index), self._dense
         elastic = list(model.i_m)
-        x_ref = np.hstack([motion["q_a"], motion["q_m"][:, elastic], motion["v_a"], motion["v_m"][:, elastic]])
+        x_ref = np.hstack(
+            [motion["q_a"], motion["q_m"][:, elastic], motion["v_a"], motion["v_m"][:, elastic]]
+        )
         y_ref = x_ref[:, : model.dof] @ motor_rows(model).T
         if model.sensors:
             sensors = library_with(model, ["sensors"]).sensors
-            y_ref = np.hstack([y_ref, np.asarray(sensors(motion["q_a"], motion["v_a"], motion["a_a"]))])
+            y_ref = np.hstack(
+                [y_ref, np.asarray(sensors(motion["q_a"], motion["v_a"], motion["a_a"]))]
+            )
         u_ref = np.concatenate([torque[:1], torque[:-1]])
         state = [model.n_a + elastic.index(i) for i in index[: n_y - n_dense]]
         blocks = []
@@ -172,7 +182,9 @@ class ConstantGainObserver:
             references=len(x_ref), **{name: x.ctypes.data for name, x in self._tables.items()},
         )  # fmt: skip
         own = ctypes.sizeof(head) // 8
-        self._memory = allocate_aligned(own + int(self._module.flexgen_constant_gain_size(ctypes.byref(head))))
+        self._memory = allocate_aligned(
+            own + int(self._module.flexgen_constant_gain_size(ctypes.byref(head)))
+        )
         ctypes.memmove(self._memory.ctypes.data, ctypes.byref(head), ctypes.sizeof(head))
         self._head, self._begin = _ConstantGain.from_buffer(self._memory.data), own
         self.reset()
@@ -180,7 +192,11 @@ class ConstantGainObserver:
     @checked_types(own=("sample",))
     def reset(self, sample: int = 0) -> None:
         """Begin on the reference, at a sample; ArgumentError where it is not a whole number from 0 on."""
-        if isinstance(sample, bool) or not isinstance(sample, int | np.integer) or not 0 <= sample < 2**62:
+        if (
+            isinstance(sample, bool)
+            or not isinstance(sample, int | np.integer)
+            or not 0 <= sample < 2**62
+        ):
             raise ArgumentError(f"sample: given {sample!r}, expected a whole number from 0 on")
         self._memory[self._begin :] = 0.0
         self._head.failed, self.sample = 0, sample
@@ -196,7 +212,9 @@ class ConstantGainObserver:
     @checked_types(own=("y", "u"))
     def step(self, y: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The state (n_z,) after one more sample: ``y`` (n_y,) measured now, ``u`` (n_m,) acted since the last one."""
-        return np.asarray(self.run(np.asarray(y, dtype=float)[None], np.asarray(u, dtype=float)[None])[0])
+        return np.asarray(
+            self.run(np.asarray(y, dtype=float)[None], np.asarray(u, dtype=float)[None])[0]
+        )
 
     @checked_types(own=("y", "u"))
     def run(self, y: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -43,7 +43,9 @@ def process_noise(at: PoseModel, G: np.ndarray, noises: Noises, sample_s: float)
     return Q
 
 
-def check_observable(at: PoseModel, channels: Channels, states: tuple[str, ...], noises: Noises, n_d: int) -> None:
+def check_observable(
+    at: PoseModel, channels: Channels, states: tuple[str, ...], noises: Noises, n_d: int
+) -> None:
     """ArgumentError with the states that the outputs do not determine, unless these decay by themselves.
 
     The matrix ``(A - lambda; C)`` has full rank at every eigenvalue lambda that does not decay (Popov, Belevitch,
@@ -74,7 +76,8 @@ def check_observable(at: PoseModel, channels: Channels, states: tuple[str, ...],
             parts = np.abs(vector)
             hidden += [states[i] for i in np.flatnonzero(parts > SHARE * parts.max())]
     if hidden:
-        names = [name for name in states if name in hidden]  # which null vector comes first depends on rounding
+        # which null vector comes first depends on rounding
+        names = [name for name in states if name in hidden]
         more = f" and {len(names) - 8} more" if len(names) > 8 else ""
         raise ArgumentError(
             f"outputs: given {', '.join(channels.names)}, which do not determine {', '.join(names[:8])}{more}; "

@@ -54,10 +54,12 @@ STATUSES = (
 )
 FLAGS = "-O3 -ftree-vectorize"  # tiles of products need vectors; no sum changes its order
 STEP_TIMES_RATE = 1.0  # of the Runge-Kutta method
-TRANSITION_TIMES_RATE = 0.5  # of the fourth order of F: an error of 3e-4 of the fastest mode, relative
+# of the fourth order of F: an error of 3e-4 of the fastest mode, relative
+TRANSITION_TIMES_RATE = 0.5
 LARGEST_RATE = 2.0**10  # steps a sample
 TILE = 8  # columns of a tile in C
-START = {"position": 1e-3, "speed": 1e-2, "torque": 0.1}  # rad or m, rad/s or m/s, of the largest torque
+# rad or m, rad/s or m/s, of the largest torque
+START = {"position": 1e-3, "speed": 1e-2, "torque": 0.1}
 
 
 @checked_result
@@ -164,13 +166,20 @@ class ExtendedKalmanFilter:
         robot = robot_of(model)
         refuse_hysteresis(robot, "ExtendedKalmanFilter")
         self.channels: Channels = channels_of(robot, outputs, noise)
-        self.model, self.outputs, self.sample_time = self.channels.model, self.channels.names, float(sample_time)
+        self.model, self.outputs, self.sample_time = (
+            self.channels.model,
+            self.channels.names,
+            float(sample_time),
+        )
         self.noises = Noises(robot, torque_noise, disturbance_rate, tool_force)
         self.n_d = self.model.n_m if disturbances else 0
         self.states = state_names(self.model, self.n_d > 0)
         equations = derive(self.model)
         self._local, self._poses = LocalDynamics(equations), PoseModels(self.model)
-        self._native, self._module = native, c_module(SOURCE, "" if native else FLAGS, native=native)
+        self._native, self._module = (
+            native,
+            c_module(SOURCE, "" if native else FLAGS, native=native),
+        )
         self._module.flexgen_kalman_size.restype = ctypes.c_int64
         self._module.flexgen_kalman_run.restype = ctypes.c_int64
         functions = ["forward_dynamics", "linearize"]
@@ -213,7 +222,11 @@ class ExtendedKalmanFilter:
         """
         n_z, n = len(self.states), self.model.dof
         if state is None:
-            angles = self.model.eta @ np.array(self.model.home) if q_m is None else vector("q_m", q_m, self.model.n_m)
+            angles = (
+                self.model.eta @ np.array(self.model.home)
+                if q_m is None
+                else vector("q_m", q_m, self.model.n_m)
+            )
             motion = self._at_rest(angles)
             z = np.zeros(n_z)
             z[: self.model.n_a], z[self.model.n_a : n] = motion[0][0], angles[list(self.model.i_m)]
@@ -223,10 +236,21 @@ class ExtendedKalmanFilter:
         if covariance is None:
             covariance = np.diag(self._start() ** 2)
         P = np.asarray(covariance, dtype=float)
-        if P.shape != (n_z, n_z) or not np.isfinite(P).all() or not np.allclose(P, P.T, rtol=1e-9, atol=0.0):
-            raise ArgumentError(f"covariance: given shape {P.shape}, expected a symmetric matrix ({n_z}, {n_z})")
-        if not np.all(np.diag(P) > 0) or np.linalg.eigvalsh(P / np.sqrt(np.outer(np.diag(P), np.diag(P))))[0] < -1e-9:
-            raise ArgumentError("covariance: given a matrix with a variance <= 0, expected a positive one")
+        if (
+            P.shape != (n_z, n_z)
+            or not np.isfinite(P).all()
+            or not np.allclose(P, P.T, rtol=1e-9, atol=0.0)
+        ):
+            raise ArgumentError(
+                f"covariance: given shape {P.shape}, expected a symmetric matrix ({n_z}, {n_z})"
+            )
+        if (
+            not np.all(np.diag(P) > 0)
+            or np.linalg.eigvalsh(P / np.sqrt(np.outer(np.diag(P), np.diag(P))))[0] < -1e-9
+        ):
+            raise ArgumentError(
+                "covariance: given a matrix with a variance <= 0, expected a positive one"
+            )
         self._process[: 2 * n, : 2 * n] = tool_force_noise(
             self._poses.at(motion), self.sample_time, self.noises.tool_force
         )
@@ -236,7 +260,11 @@ class ExtendedKalmanFilter:
 
     def _start(self) -> np.ndarray:
         n = self.model.dof
-        parts = [np.full(n, START["position"]), np.full(n, START["speed"]), START["torque"] * self.noises.largest]
+        parts = [
+            np.full(n, START["position"]),
+            np.full(n, START["speed"]),
+            START["torque"] * self.noises.largest,
+        ]
         return np.concatenate(parts)[: 2 * n + self.n_d]
 
     # --- samples -----------------------------------------------------------------------------------------------------
@@ -272,21 +300,38 @@ class ExtendedKalmanFilter:
         """
         count, n_z = len(y), len(self.states)
         y, u = record("y", y, count, len(self.outputs)), record("u", u, count, self.model.n_m)
-        z, deviation, nu = np.empty((count, n_z)), np.empty((count, n_z)), np.empty((count, len(self.outputs)))
+        z, deviation, nu = (
+            np.empty((count, n_z)),
+            np.empty((count, n_z)),
+            np.empty((count, len(self.outputs))),
+        )
         squares = np.empty(count)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (y, u, z, deviation, nu, squares)]
         done = self._module.flexgen_kalman_run(
             ctypes.c_void_p(self._memory.ctypes.data), ctypes.c_int64(count), *pointers
         )
         if done < count:
-            raise SolverError(f"extended Kalman filter, sample {done} of {count}: {STATUSES[self._head.status]}")
+            raise SolverError(
+                f"extended Kalman filter, sample {done} of {count}: {STATUSES[self._head.status]}"
+            )
         return self._estimate(z, deviation, nu, squares)
 
-    def _estimate(self, z: np.ndarray, deviation: np.ndarray, nu: np.ndarray, squares: np.ndarray) -> Estimate:
+    def _estimate(
+        self, z: np.ndarray, deviation: np.ndarray, nu: np.ndarray, squares: np.ndarray
+    ) -> Estimate:
         n, n_a = self.model.dof, self.model.n_a
         C = self._local._C
         d = z[:, 2 * n :] if self.n_d else np.zeros((len(z), self.model.n_m))
-        return Estimate(z[:, :n_a], z[:, n : n + n_a], z[:, :n] @ C.T, z[:, n : 2 * n] @ C.T, d, nu, squares, deviation)
+        return Estimate(
+            z[:, :n_a],
+            z[:, n : n + n_a],
+            z[:, :n] @ C.T,
+            z[:, n : 2 * n] @ C.T,
+            d,
+            nu,
+            squares,
+            deviation,
+        )
 
     @property
     def status(self) -> str:
@@ -376,7 +421,10 @@ class ExtendedKalmanFilter:
     def __deepcopy__(self, memo: dict[int, Any]) -> ExtendedKalmanFilter:
         """A filter of its own in the same state, such as `flexgen.control` makes of a controller for each robot."""
         other = copy.copy(self)
-        other._memory, process = allocate_aligned(self._memory.size), allocate_aligned(self._process.size)
+        other._memory, process = (
+            allocate_aligned(self._memory.size),
+            allocate_aligned(self._process.size),
+        )
         other._memory[:], process[:] = self._memory, self._process.ravel()
         other._process = process.reshape(self._process.shape)
         other._tables = self._tables | {"process": other._process}
@@ -410,7 +458,10 @@ class _Kalman(ctypes.Structure):
         ("stride", ctypes.c_int64),
         ("sample_s", ctypes.c_double),
         *[(name, _Function) for name in _FUNCTIONS],
-        *[(name, ctypes.c_void_p) for name in "elastic channel gears noise torque walk process".split()],
+        *[
+            (name, ctypes.c_void_p)
+            for name in "elastic channel gears noise torque walk process".split()
+        ],
         ("normalized", ctypes.c_double),
     ]
 

@@ -64,7 +64,11 @@ class BlendedCurve:
     """
 
     def __init__(
-        self, start: np.ndarray, R_start: np.ndarray | None, segments: list[Segment], zones: list[float]
+        self,
+        start: np.ndarray,
+        R_start: np.ndarray | None,
+        segments: list[Segment],
+        zones: list[float],
     ) -> None:
         self.start, self.segments, self.zones = np.asarray(start, dtype=float), segments, zones
         self.R_start = None if R_start is None else np.asarray(R_start, dtype=float)
@@ -110,7 +114,9 @@ class BlendedCurve:
         """Arc lengths of the corners; None where the parameter is not to become the arc length."""
         out: list[ArcTable | None] = []
         for k, zone in enumerate(self.zones):
-            if zone == 0 or not (self.segments[k].by_arc_length and self.segments[k + 1].by_arc_length):
+            if zone == 0 or not (
+                self.segments[k].by_arc_length and self.segments[k + 1].by_arc_length
+            ):
                 out.append(None)
                 continue
             knots = self.ends[k] + zone * np.linspace(-1, 1, PANELS + 1)
@@ -134,12 +140,16 @@ class BlendedCurve:
         x = self._corner(k, _identity(u), False)[0][:, :, 1:]
         return _sum_in_order(product(x, x))
 
-    def _corner(self, k: int, u: np.ndarray, rotate: bool = True) -> tuple[np.ndarray, Attitude | None]:
+    def _corner(
+        self, k: int, u: np.ndarray, rotate: bool = True
+    ) -> tuple[np.ndarray, Attitude | None]:
         """Jet of the position, and orientation, in the corner after segment k, from the jet of the parameter."""
         before, after, zone = self.segments[k], self.segments[k + 1], self.zones[k]
         step = TimeLaw(2 * zone, BUMP)
         rise = step.with_integral(u[:, 0] - (self.ends[k] - zone), u.shape[1] - 1)
-        fall = step.with_integral(self.ends[k] + zone - u[:, 0], u.shape[1] - 1) * (-1.0) ** np.arange(u.shape[1])
+        fall = step.with_integral(self.ends[k] + zone - u[:, 0], u.shape[1] - 1) * (
+            -1.0
+        ) ** np.arange(u.shape[1])
         covered = compose(rise[:, None, :], u)[:, 0]
         remaining = compose(fall[:, None, :], u)[:, 0]
         first = -remaining
@@ -153,7 +163,8 @@ class BlendedCurve:
         initial[:, :, 0] = quaternion(R)
         return x, attitude(
             quaternion_product(
-                rotation_along(after, covered), quaternion_product(rotation_along(before, first), initial)
+                rotation_along(after, covered),
+                quaternion_product(rotation_along(before, first), initial),
             )
         )
 
@@ -196,7 +207,9 @@ class BlendedCurve:
             u[:, 0] += section.start
             return u
         u = table.parameter(s[:, 0])
-        return compose(inverse_function(u, square_root(self._speed_squared(section.segment, u)))[:, None, :], s)[:, 0]
+        return compose(
+            inverse_function(u, square_root(self._speed_squared(section.segment, u)))[:, None, :], s
+        )[:, 0]
 
 
 def _sum_in_order(x: np.ndarray) -> np.ndarray:

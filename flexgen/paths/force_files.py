@@ -19,7 +19,9 @@ def is_table(file: Path) -> bool:
     """Whether a file is a CSV file without the meta data of a trajectory."""
     try:
         with file.open("rb") as stream:
-            return file.suffix.lower() == ".csv" and not stream.read(4).removeprefix(b"\xef\xbb\xbf").startswith(b"#")
+            return file.suffix.lower() == ".csv" and not stream.read(4).removeprefix(
+                b"\xef\xbb\xbf"
+            ).startswith(b"#")
     except OSError:
         return False
 
@@ -31,7 +33,9 @@ def read_force(file: Path, first: str, expected: str) -> Trajectory:
             names = [name.strip() for name in stream.readline(LINE_MAX).split(",")]
             rows = np.loadtxt(stream, delimiter=",", ndmin=2, max_rows=ROWS_MAX)
     except OSError as error:
-        raise ArgumentError(f"force: file {file} cannot be read ({error}), expected {expected}") from None
+        raise ArgumentError(
+            f"force: file {file} cannot be read ({error}), expected {expected}"
+        ) from None
     except ValueError as error:
         why = str(error).partition("; use")[0]
         raise ArgumentError(
@@ -41,9 +45,13 @@ def read_force(file: Path, first: str, expected: str) -> Trajectory:
     labels = LABELS[: len(names) - 1]
     if names != [first, *labels] or len(labels) not in (3, 6):
         columns = f"the columns {first}, fx, fy, fz [N], or these and mx, my, mz [N m], with commas between them"
-        raise ArgumentError(f"force: given the columns {', '.join(names)} in {file}, expected {columns}")
+        raise ArgumentError(
+            f"force: given the columns {', '.join(names)} in {file}, expected {columns}"
+        )
     if rows.shape[1] != len(names) or len(rows) < 2:
-        raise ArgumentError(f"force: given {len(rows)} rows in {file}, expected two or more of {len(names)} numbers")
+        raise ArgumentError(
+            f"force: given {len(rows)} rows in {file}, expected two or more of {len(names)} numbers"
+        )
     bad = ~np.isfinite(rows).all(axis=1) | (np.diff(rows[:, 0], prepend=-np.inf) <= 0)
     if bad.any():
         row = int(np.argmax(bad))
@@ -52,4 +60,6 @@ def read_force(file: Path, first: str, expected: str) -> Trajectory:
         raise ArgumentError(f"force: given {given} in row {row + 1} of {file}, expected {expected}")
     units = UNITS[: len(labels)]
     port = Port(CHANNEL, (len(labels),), common_unit(units), "force on the tool")
-    return Trajectory(rows[:, 0], {CHANNEL: rows[:, 1:]}, {CHANNEL: port}, {CHANNEL: labels}, {}, {CHANNEL: units})
+    return Trajectory(
+        rows[:, 0], {CHANNEL: rows[:, 1:]}, {CHANNEL: port}, {CHANNEL: labels}, {}, {CHANNEL: units}
+    )

@@ -26,9 +26,13 @@ def chain_rule(f: list[np.ndarray], s: np.ndarray) -> list[np.ndarray]:
     for i in range(1, n + 1):
         for k in range(1, i + 1):
             bell[i][k] = sum(
-                (comb(i - 1, j - 1) * s[:, j] * bell[i - j][k - 1] for j in range(1, i - k + 2)), np.zeros(len(s))
+                (comb(i - 1, j - 1) * s[:, j] * bell[i - j][k - 1] for j in range(1, i - k + 2)),
+                np.zeros(len(s)),
             )
-    return [f[0], *(sum(f[k] * bell[i][k][:, None] for k in range(1, i + 1)) for i in range(1, n + 1))]  # type: ignore[list-item]
+    return [
+        f[0],
+        *(sum(f[k] * bell[i][k][:, None] for k in range(1, i + 1)) for i in range(1, n + 1)),
+    ]  # type: ignore[list-item]
 
 
 def compose(f: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -50,7 +54,9 @@ def reciprocal(a: np.ndarray) -> np.ndarray:
     out = np.zeros_like(a)
     out[..., 0] = 1.0 / a[..., 0]
     for k in range(1, a.shape[-1]):
-        out[..., k] = -out[..., 0] * sum(comb(k, i) * a[..., i] * out[..., k - i] for i in range(1, k + 1))
+        out[..., k] = -out[..., 0] * sum(
+            comb(k, i) * a[..., i] * out[..., k - i] for i in range(1, k + 1)
+        )
     return out
 
 
@@ -59,7 +65,10 @@ def square_root(a: np.ndarray) -> np.ndarray:
     out = np.zeros_like(a)
     out[..., 0] = root(a[..., 0])
     for k in range(1, a.shape[-1]):
-        inner = sum((comb(k, i) * out[..., i] * out[..., k - i] for i in range(1, k)), np.zeros_like(a[..., 0]))
+        inner = sum(
+            (comb(k, i) * out[..., i] * out[..., k - i] for i in range(1, k)),
+            np.zeros_like(a[..., 0]),
+        )
         out[..., k] = (a[..., k] - inner) / (2 * out[..., 0])
     return out
 

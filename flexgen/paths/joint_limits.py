@@ -19,12 +19,14 @@ NEWTON_STEPS = 40
 CLOSE = 1e-12  # rad or m; Newton's method stops at a smaller step
 REACHED = 1e-9  # error of the output that counts as solved
 FINER = 8  # subintervals between two instants
-JUMP = 1.0  # rad or m, longest step of Newton's method; a longer one may find another joint configuration
+# rad or m, longest step of Newton's method; a longer one may find another joint configuration
+JUMP = 1.0
 SINGULAR = 1e-7  # smallest allowed ratio of the singular values of the output Jacobian
 SLACK = 1e-9  # rad or m: distance beyond a range that counts as rounding
 MANY, EVERY = 200, 8  # instants; of more, every eighth is solved alone, those between them at once
 AT_ONCE = 8  # steps of Newton's method for those
-NEAR = 0.05  # rad or m: solutions of those are not farther from their start than this and the change around them
+# rad or m: solutions of those are not farther from their start than this and the change around them
+NEAR = 0.05
 SAME = 1e-6  # of the mean distance of instants; closer ones give no extrapolation
 
 
@@ -52,9 +54,15 @@ class InverseKinematics:
         map_, symbol = output_map(self.equations), self.equations.lagrangian.chain.q_a
         v = ca.SX.sym("v", self.model.n_a)
         bias = ca.jtimes(ca.mtimes(map_.rate, v), symbol, v)
-        return ca.Function("velocity", [symbol, v], [ca.densify(map_.rate[:, list(self.model.i_g)]), ca.densify(bias)])
+        return ca.Function(
+            "velocity",
+            [symbol, v],
+            [ca.densify(map_.rate[:, list(self.model.i_g)]), ca.densify(bias)],
+        )
 
-    def follow(self, sample: PathSample, q_g: np.ndarray, at: np.ndarray | None = None) -> np.ndarray:
+    def follow(
+        self, sample: PathSample, q_g: np.ndarray, at: np.ndarray | None = None
+    ) -> np.ndarray:
         """Solve for the actuated coordinates (n, n_g) along a reference, each from the one before.
 
         Parameters
@@ -88,7 +96,9 @@ class InverseKinematics:
                 return found
         return self._one_by_one(targets, q_g, at)
 
-    def _one_by_one(self, targets: np.ndarray, q_g: np.ndarray, at: np.ndarray | None) -> np.ndarray:
+    def _one_by_one(
+        self, targets: np.ndarray, q_g: np.ndarray, at: np.ndarray | None
+    ) -> np.ndarray:
         i_g = list(self.model.i_g)
         q = np.zeros(self.model.n_a)
         q[i_g] = q_g
@@ -120,7 +130,9 @@ class InverseKinematics:
                 before, last = last, k
         return out
 
-    def _at_once(self, targets: np.ndarray, guess: np.ndarray, around: np.ndarray) -> np.ndarray | None:
+    def _at_once(
+        self, targets: np.ndarray, guess: np.ndarray, around: np.ndarray
+    ) -> np.ndarray | None:
         """Newton's method at all instants; None where it does not converge, or far off against ``around`` (n, n_g)."""
         i_g, n = list(self.model.i_g), len(guess)
         q = np.zeros((n, self.model.n_a))
@@ -167,7 +179,9 @@ class InverseKinematics:
         factor = 0.0
         n = np.arange(len(v))
         fine = np.linspace(0, len(v) - 1, FINER * (len(v) - 1) + 1)
-        v, a = (np.concatenate([x, CubicSpline(n, x)(fine)]).reshape(-1, x.shape[-1]) for x in (v, a))
+        v, a = (
+            np.concatenate([x, CubicSpline(n, x)(fine)]).reshape(-1, x.shape[-1]) for x in (v, a)
+        )
         for k, i in enumerate(self.model.i_g):
             dof = self.model.coordinates[i].dof
             if dof is not None and dof.speed_max:
@@ -189,7 +203,10 @@ def beyond_range(robot: RobotModel, q_g: np.ndarray) -> tuple[str, ...]:
         dof = coordinate.dof
         if dof is None:
             continue
-        low, high = (-np.inf if dof.lower is None else dof.lower), (np.inf if dof.upper is None else dof.upper)
+        low, high = (
+            (-np.inf if dof.lower is None else dof.lower),
+            (np.inf if dof.upper is None else dof.upper),
+        )
         beyond = np.maximum(low - q_g[:, k], q_g[:, k] - high)
         worst = int(np.argmax(beyond))
         if beyond[worst] > SLACK:
@@ -203,7 +220,11 @@ def beyond_range(robot: RobotModel, q_g: np.ndarray) -> tuple[str, ...]:
 def _targets(sample: PathSample) -> np.ndarray:
     """Position, and columns of the orientation, of the output (n, ...)."""
     targets = sample.y[:, :, 0]
-    return targets if sample.R is None else np.hstack([targets, sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+    return (
+        targets
+        if sample.R is None
+        else np.hstack([targets, sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+    )
 
 
 def _instant(part: float) -> str:

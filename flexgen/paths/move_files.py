@@ -51,7 +51,9 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
     except (OSError, ValueError):
         there = False
     if not there:
-        raise ArgumentError(f"moves: given {str(file)!r}, which is not a file, expected the path of a .toml file")
+        raise ArgumentError(
+            f"moves: given {str(file)!r}, which is not a file, expected the path of a .toml file"
+        )
     shown = from_here(path)
     root = Table(shown, parse_file(path, shown), "")
     found = read(root, PROGRAMS, Context({"output": model.output, "element": model.elements}))

@@ -16,7 +16,14 @@ from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
 from flexgen.paths.segments import Arc, Line, Segment, circle_through
 from flexgen.paths.time_laws import Clock, Law, SplineLaw, TimeLaw
-from flexgen.paths.timed_segments import Curve, JointMotion, PlannedMove, TimedSegment, configuration_at_end, plan_law
+from flexgen.paths.timed_segments import (
+    Curve,
+    JointMotion,
+    PlannedMove,
+    TimedSegment,
+    configuration_at_end,
+    plan_law,
+)
 
 if TYPE_CHECKING:
     from flexgen.inverse_kinematics.targets import Failure
@@ -25,7 +32,8 @@ TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "outpu
 NO_ROTATION = np.zeros(3)
 
 NO_MOTION = 1e-9  # m for each meter of reach: motion along an axis that is not an output
-KEYS = {"tool_circle": "axis", "tool_polyline": "legs", "program": "steps", "sampled": "file"}  # of their geometry
+# of their geometry
+KEYS = {"tool_circle": "axis", "tool_polyline": "legs", "program": "steps", "sampled": "file"}
 
 
 def wrong(where: Where | None, name: str, key: str, given: object, expected: str) -> Exception:
@@ -108,7 +116,13 @@ class _Planner:
                     f"a path along {', '.join(self.model.output.axes)} only, because the output has the axes "
                     f'"{self.model.output.axes}"; or add {"xyz"[i]} to output.axes of the model'
                 )
-                raise wrong(self.move.where, self.name, KEYS.get(self.move.type, "displacement"), given, expected)
+                raise wrong(
+                    self.move.where,
+                    self.name,
+                    KEYS.get(self.move.type, "displacement"),
+                    given,
+                    expected,
+                )
 
     def _numbers(self, key: str, values: Sequence[float], size: int) -> np.ndarray:
         if len(values) != size or not np.isfinite(values).all():
@@ -121,7 +135,9 @@ class _Planner:
             raise wrong(self.move.where, self.name, key, list(profile), expected)
         smooth = self.move.smoothness
         if (profile or self.move.type == "program") and not (smooth == 0 or 2 <= smooth <= 9):
-            raise wrong(self.move.where, self.name, "smoothness", smooth, "0 for trapezoids, or 2 to 9")
+            raise wrong(
+                self.move.where, self.name, "smoothness", smooth, "0 for trapezoids, or 2 to 9"
+            )
 
     def _require_tool(self, where: Where | None, name: str, what: str) -> None:
         if not self.reference.tool:
@@ -137,7 +153,14 @@ class _Planner:
                 return SplineLaw(move.duration, move.timing, curve.length)
             return TimeLaw(move.duration, move.smoothness, curve.length)
         return plan_law(
-            self.reference, space, curve, tuple(move.profile), move.smoothness, move.radius, self.q_g, speeds
+            self.reference,
+            space,
+            curve,
+            tuple(move.profile),
+            move.smoothness,
+            move.radius,
+            self.q_g,
+            speeds,
         )
 
     def _curve(self) -> tuple[str, Curve, list[float] | None]:
@@ -151,7 +174,13 @@ class _Planner:
         elif move.type == "output_line":
             displacement = self._numbers("displacement", move.displacement, self.model.output.size)
             if self.reference.pose:
-                raise wrong(move.where, self.name, "type", move.type, "a tool_line, because the output is a tool_pose")
+                raise wrong(
+                    move.where,
+                    self.name,
+                    "type",
+                    move.type,
+                    "a tool_line, because the output is a tool_pose",
+                )
             space, start, R = "output", self.reference.outputs(self.q_g), None
             segments = [Line(displacement, NO_ROTATION, largest=True)]
         else:
@@ -211,7 +240,13 @@ class _Planner:
             raise wrong(move.where, self.name, "angle", move.angle, "a nonzero angle [rad]")
         arc = Arc(center, axis / np.linalg.norm(axis), move.angle, rotation, move.radius)
         if not arc.size > 0:
-            raise wrong(move.where, self.name, "center", move.center, "a center off the axis through the start")
+            raise wrong(
+                move.where,
+                self.name,
+                "center",
+                move.center,
+                "a center off the axis through the start",
+            )
         return arc
 
     def _plan_samples(self) -> TimedSegment:
@@ -221,12 +256,22 @@ class _Planner:
 
         move, reference = self.move, self.reference
         if move.degree not in DEGREES:
-            raise wrong(move.where, self.name, "degree", move.degree, "one of " + ", ".join(map(str, DEGREES)))
+            raise wrong(
+                move.where,
+                self.name,
+                "degree",
+                move.degree,
+                "one of " + ", ".join(map(str, DEGREES)),
+            )
         samples = read_samples(move.file, self.model, 2)
         if samples.timed and (move.profile or move.smoothness):
             key = "profile" if move.profile else "smoothness"
             raise wrong(
-                move.where, self.name, key, "together with times in the file", f"no {key}, or a file without column t"
+                move.where,
+                self.name,
+                key,
+                "together with times in the file",
+                f"no {key}, or a file without column t",
             )
         if not samples.timed and not move.profile and not move.duration > 0:
             expected = "a duration and smoothness, or a profile, because the file has no column t"
@@ -244,10 +289,14 @@ class _Planner:
             self.q_g = samples.values[0]
         else:
             first = TimedSegment(samples.space, curve, Clock(1.0, 0)).at(np.zeros(1))
-            self.q_g = InverseKinematics(reference.equations).follow(reference.sample(samples.space, *first), self.q_g)[
-                0
-            ]
-        law = Clock(curve.length, (move.degree - 1) // 2) if samples.timed else self._law(samples.space, curve)
+            self.q_g = InverseKinematics(reference.equations).follow(
+                reference.sample(samples.space, *first), self.q_g
+            )[0]
+        law = (
+            Clock(curve.length, (move.degree - 1) // 2)
+            if samples.timed
+            else self._law(samples.space, curve)
+        )
         return TimedSegment(samples.space, curve, law)
 
     # --- polylines and programs ---------------------------------------------------------------------------------------
@@ -272,24 +321,38 @@ class _Planner:
         for k, step in enumerate(steps[:-1]):
             if not step.zone > 0:
                 raise self._step_wrong(
-                    step, k, "zone", step.zone, "a radius > 0 [m], because the tool does not stop here"
+                    step,
+                    k,
+                    "zone",
+                    step.zone,
+                    "a radius > 0 [m], because the tool does not stop here",
                 )
         self._corners(segments, zones[:-1], steps)
         speeds = [self._speed(step, k, self.move.profile) for k, step in enumerate(steps)]
-        return BlendedCurve(start, self._pose(R), segments, zones[:-1]), speeds if self.move.profile else None
+        return BlendedCurve(
+            start, self._pose(R), segments, zones[:-1]
+        ), speeds if self.move.profile else None
 
-    def _corners(self, segments: list[Segment], zones: list[float], steps: Sequence[Step], first: int = 0) -> None:
+    def _corners(
+        self, segments: list[Segment], zones: list[float], steps: Sequence[Step], first: int = 0
+    ) -> None:
         """Check that zones do not overlap and that the path does not reverse in a corner."""
         around = [0.0, *zones, 0.0]
         for k, segment in enumerate(segments):
             if around[k] + around[k + 1] > segment.length * (1 + 1e-12):
                 at = k if around[k + 1] > 0 else k - 1
-                expected = f"zones that fit into the length {segment.length:.6g} of step {first + k + 1}"
-                raise self._step_wrong(steps[at], first + at, "zone", f"{around[k]:g} and {around[k + 1]:g}", expected)
+                expected = (
+                    f"zones that fit into the length {segment.length:.6g} of step {first + k + 1}"
+                )
+                raise self._step_wrong(
+                    steps[at], first + at, "zone", f"{around[k]:g} and {around[k + 1]:g}", expected
+                )
         trial = BlendedCurve(np.zeros(len(segments[0].total)), None, segments, zones)
         for k, zone in enumerate(zones):
             if zone > 0 and trial.min_corner_speed(k) < MIN_CORNER_SPEED:
-                raise self._step_wrong(steps[k], first + k, "zone", zone, "0, because the path reverses here")
+                raise self._step_wrong(
+                    steps[k], first + k, "zone", zone, "0, because the path reverses here"
+                )
 
     def _step_wrong(self, step: Step, k: int, key: str, given: object, expected: str) -> Exception:
         return wrong(step.where, f"{self.name}, step {k + 1}", key, given, expected)
@@ -299,12 +362,16 @@ class _Planner:
         if step.speed is None:
             return profile[0] if profile else 1.0
         if not profile and not self.move.timing:
-            raise self._step_wrong(step, k, "speed", step.speed, "no speed, or a move with a profile")
+            raise self._step_wrong(
+                step, k, "speed", step.speed, "no speed, or a move with a profile"
+            )
         if not (np.isfinite(step.speed) and step.speed > 0):
             raise self._step_wrong(step, k, "speed", step.speed, "a speed > 0")
         return float(step.speed)
 
-    def _segment(self, step: MoveL, k: int, position: np.ndarray, R: np.ndarray, radius: float) -> Segment:
+    def _segment(
+        self, step: MoveL, k: int, position: np.ndarray, R: np.ndarray, radius: float
+    ) -> Segment:
         """The line or arc of a step of the tool, from a pose."""
 
         def vector(key: str, values: Sequence[float], size: int = 3) -> np.ndarray:
@@ -315,16 +382,30 @@ class _Planner:
         if not (np.isfinite(step.zone) and step.zone >= 0):
             raise self._step_wrong(step, k, "zone", step.zone, "a radius >= 0 [m]")
         if bool(step.displacement) == bool(step.position):
-            raise self._step_wrong(step, k, "displacement", step.displacement, "either displacement or position")
+            raise self._step_wrong(
+                step, k, "displacement", step.displacement, "either displacement or position"
+            )
         absolute = bool(step.position)
-        total = vector("position", step.position) - position if absolute else vector("displacement", step.displacement)
+        total = (
+            vector("position", step.position) - position
+            if absolute
+            else vector("displacement", step.displacement)
+        )
         rotation = vector("rotation", step.rotation)
         if step.orientation:
             to = np.array(step.orientation, dtype=float)
-            if to.shape != (3, 3) or not np.abs(to @ to.T - np.eye(3)).max() < 1e-6 or np.linalg.det(to) < 0:
-                raise self._step_wrong(step, k, "orientation", step.orientation, "a rotation matrix")
+            if (
+                to.shape != (3, 3)
+                or not np.abs(to @ to.T - np.eye(3)).max() < 1e-6
+                or np.linalg.det(to) < 0
+            ):
+                raise self._step_wrong(
+                    step, k, "orientation", step.orientation, "a rotation matrix"
+                )
             if rotation.any():
-                raise self._step_wrong(step, k, "rotation", step.rotation, "either rotation or orientation")
+                raise self._step_wrong(
+                    step, k, "rotation", step.rotation, "either rotation or orientation"
+                )
             rotation = rotation_vector(quaternion(to @ R.T))
         if rotation.any() and not self.reference.pose:
             expected = 'no rotation, or an output of type "tool_pose"'
@@ -333,11 +414,15 @@ class _Planner:
             via = vector("via", step.via) - (position if absolute else 0.0)
             found = circle_through(via, total)
             if found is None:
-                raise self._step_wrong(step, k, "via", step.via, "a point that is not on a line through start and end")
+                raise self._step_wrong(
+                    step, k, "via", step.via, "a point that is not on a line through start and end"
+                )
             return Arc(*found, rotation, radius)
         if not total.any() and not rotation.any():
             key = "position" if absolute else "displacement"
-            raise self._step_wrong(step, k, key, total.tolist(), "a step with a displacement or rotation")
+            raise self._step_wrong(
+                step, k, key, total.tolist(), "a step with a displacement or rotation"
+            )
         return Line(total, rotation, radius)
 
     def _program(self, program: Program) -> list[TimedSegment]:
@@ -363,11 +448,15 @@ class _Planner:
             segment = self._group(program, group, first, q_g, position, R, time, given)
             segments.append(segment)
             later = program.steps[k + 1 :]
-            if (limited and later) or any(isinstance(x, MoveJ) or x.configuration for x in (*group, *later)):
+            if (limited and later) or any(
+                isinstance(x, MoveJ) or x.configuration for x in (*group, *later)
+            ):
                 q_g = configuration_at_end(self.reference, segment, q_g)
             for number, own in enumerate(group, first):
                 if isinstance(own, MoveL) and own.configuration:
-                    check_configuration(self.model, q_g, own.configuration, partial(self._step_wrong, own, number))
+                    check_configuration(
+                        self.model, q_g, own.configuration, partial(self._step_wrong, own, number)
+                    )
             x, attitude = segment.at(np.array([segment.start + segment.law.duration]))
             if segment.space == "joint":
                 position, R = self.reference.tool_pose(x[0, :, 0])
@@ -380,7 +469,9 @@ class _Planner:
 
     def _check_step(self, step: Step, k: int, program: Program) -> None:
         if not isinstance(step, (MoveJ, MoveL)):
-            raise ArgumentError(f"{self.name}, step {k + 1}: given {step!r}, expected a MoveJ, MoveL or MoveC")
+            raise ArgumentError(
+                f"{self.name}, step {k + 1}: given {step!r}, expected a MoveJ, MoveL or MoveC"
+            )
         if isinstance(step, MoveL):
             self._require_tool(step.where, f"{self.name}, step {k + 1}", type(step).__name__)
         if not (np.isfinite(step.zone) and step.zone >= 0):
@@ -391,7 +482,9 @@ class _Planner:
         if step.zone > 0 and last:
             raise self._step_wrong(step, k, "zone", step.zone, "0 at the end of the program")
         if step.zone > 0 and step.pause > 0:
-            raise self._step_wrong(step, k, "pause", step.pause, "0 because the step has a zone, or no zone")
+            raise self._step_wrong(
+                step, k, "pause", step.pause, "0 because the step has a zone, or no zone"
+            )
         if step.zone > 0 and not last and program.steps[k + 1].space != step.space:
             expected = "0 between a MoveJ and a move of the tool, because only moves of one space can be blended"
             raise self._step_wrong(step, k, "zone", step.zone, expected)
@@ -412,7 +505,13 @@ class _Planner:
         profile = tuple(program.joint_profile if joints else program.profile)
         if not profile:
             key = "joint_profile" if joints else "profile"
-            raise wrong(program.where, self.name, key, "none", "bounds on speed, acceleration, ... of these steps")
+            raise wrong(
+                program.where,
+                self.name,
+                key,
+                "none",
+                "bounds on speed, acceleration, ... of these steps",
+            )
         segments: list[Segment] = []
         start, orientation = (q_g, None) if joints else (position, self._pose(R))
         here, orientation_here = start, R
@@ -421,8 +520,12 @@ class _Planner:
                 end = self._end(step, partial(self._step_wrong, step, k), here)
                 segment: Segment = Line(end - here, NO_ROTATION, largest=True)
                 if not segment.total.any():
-                    key, given = ("position", step.target.position) if step.target else ("end", step.end)
-                    raise self._step_wrong(step, k, key, given, "an end different from the start of the step")
+                    key, given = (
+                        ("position", step.target.position) if step.target else ("end", step.end)
+                    )
+                    raise self._step_wrong(
+                        step, k, key, given, "an end different from the start of the step"
+                    )
             else:
                 segment = self._segment(step, k, here, orientation_here, program.radius)
                 axis, angle = axis_angle(segment.rotation)
@@ -437,8 +540,21 @@ class _Planner:
         if timing is not None:
             return TimedSegment(space, curve, SplineLaw(timing[0], timing[1:], curve.length), time)
         try:
-            law = plan_law(self.reference, space, curve, profile, program.smoothness, program.radius, q_g, speeds)
+            law = plan_law(
+                self.reference,
+                space,
+                curve,
+                profile,
+                program.smoothness,
+                program.radius,
+                q_g,
+                speeds,
+            )
         except SolverError as error:
-            names = f"step {first + 1}" if len(group) == 1 else f"steps {first + 1} to {first + len(group)}"
+            names = (
+                f"step {first + 1}"
+                if len(group) == 1
+                else f"steps {first + 1} to {first + len(group)}"
+            )
             raise SolverError(f"{self.name}, {names}: {error}") from None
         return TimedSegment(space, curve, law, time)

@@ -25,7 +25,8 @@ from flexgen.type_checks import checked_class, checked_types
 
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
 
-CHECKED, FEWEST = 101, 33  # instants at which `plan` solves the inverse kinematics; of each motion of many
+# instants at which `plan` solves the inverse kinematics; of each motion of many
+CHECKED, FEWEST = 101, 33
 
 
 @checked_class
@@ -71,7 +72,11 @@ class Path(Result):
             else (last.start + last.law.duration)
         )
         unchanged = move.duration == self.duration and move.type != "sampled"
-        self.move = move if unchanged else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration)
+        self.move = (
+            move
+            if unchanged
+            else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration)
+        )
 
     def __repr__(self) -> str:
         title = self.equations.model.title
@@ -109,7 +114,9 @@ class Path(Result):
         """
         from flexgen.paths.path_table import path_table
 
-        return path_table(self.reference, self.segments, self.duration, self.q_start, self.move.name)
+        return path_table(
+            self.reference, self.segments, self.duration, self.q_start, self.move.name
+        )
 
     @checked_types(own=("t",))
     def sample(self, t: np.ndarray) -> PathSample:
@@ -131,11 +138,15 @@ class Path(Result):
         """
         t = _instants(t)
         if not is_whole(count, 2, JET):
-            raise ArgumentError(f"count: given {show_value(count)}, expected 2 to {JET} derivatives, from 0 on")
+            raise ArgumentError(
+                f"count: given {show_value(count)}, expected 2 to {JET} derivatives, from 0 on"
+            )
 
         def of(segment: TimedSegment, at: np.ndarray) -> PathSample:
             x, attitude = segment.at(at)
-            return self.reference.sample(segment.space, x[:, :, :count] if segment.space == "joint" else x, attitude)
+            return self.reference.sample(
+                segment.space, x[:, :, :count] if segment.space == "joint" else x, attitude
+            )
 
         if len(self.segments) == 1 or not len(t):
             return of(self.segments[0], t)
@@ -167,14 +178,21 @@ def _instants(t: Any) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         found = np.zeros((0, 0))
     if found.ndim != 1 or not np.isfinite(found).all():
-        given = f"shape {np.shape(t)}" if isinstance(t, np.ndarray) and found.ndim != 1 else show_value(t)
+        given = (
+            f"shape {np.shape(t)}"
+            if isinstance(t, np.ndarray) and found.ndim != 1
+            else show_value(t)
+        )
         raise ArgumentError(f"t: given {given}, expected instants in s, shape (n,)")
     return found
 
 
 @checked_types
 def plan(
-    model: str | FilePath | RobotModel | Equations, move: str | Move | None = None, *, ignore_limits: bool = False
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None = None,
+    *,
+    ignore_limits: bool = False,
 ) -> Path:
     """Plan a move: a path in time, checked by the inverse kinematics of the undeflected arm and the joints' ranges.
 
@@ -239,9 +257,16 @@ def joints_along(path: Path, speeds: bool = False) -> Iterator[tuple[np.ndarray,
             yield x[:, :, 0], x[:, :, 1]
         elif robot.output.size == robot.n_g:
             sample, at = path.reference.sample(segment.space, x, attitude), t / path.duration
-            found = kinematics.follow(sample, q_g) if len(t) == CHECKED else kinematics.follow_many(sample, q_g, at)
+            found = (
+                kinematics.follow(sample, q_g)
+                if len(t) == CHECKED
+                else kinematics.follow_many(sample, q_g, at)
+            )
             q_g = found[-1]
-            yield found, kinematics.velocities(sample, found)[0] if speeds else np.zeros((0, robot.n_g))
+            yield (
+                found,
+                kinematics.velocities(sample, found)[0] if speeds else np.zeros((0, robot.n_g)),
+            )
 
 
 def find_move(robot: RobotModel, move: str | Move | None) -> Move:

@@ -44,7 +44,11 @@ ORDER = 2  # derivatives of a sample
 
 
 def path_table(
-    reference: Reference, segments: Sequence[TimedSegment], duration: float, q_start: np.ndarray, name: str
+    reference: Reference,
+    segments: Sequence[TimedSegment],
+    duration: float,
+    q_start: np.ndarray,
+    name: str,
 ) -> np.ndarray:
     """The table (n,) of the path ``name`` with these segments.
 
@@ -57,7 +61,16 @@ def path_table(
     axes = np.zeros(model.output.size)
     if reference.tool and not reference.pose:
         axes[:] = reference.axes
-    head = [LAYOUT, model.output.target_size, model.output.size, model.n_a, len(segments), duration, q_start, axes]
+    head = [
+        LAYOUT,
+        model.output.target_size,
+        model.output.size,
+        model.n_a,
+        len(segments),
+        duration,
+        q_start,
+        axes,
+    ]
     return _block(*head, *(_segment(segment, name) for segment in segments))
 
 
@@ -73,7 +86,13 @@ def _segment(segment: TimedSegment, name: str) -> np.ndarray:
             f"table: given move {name}, a spline through samples, expected lines, arcs, joint moves or a program; "
             "sample it with Path.sample and store the samples"
         )
-    return _block(segment.start, segment.law.duration, SPACES[segment.space], _law(segment.law), _curve(segment.curve))
+    return _block(
+        segment.start,
+        segment.law.duration,
+        SPACES[segment.space],
+        _law(segment.law),
+        _curve(segment.curve),
+    )
 
 
 def _law(law: Law) -> np.ndarray:
@@ -112,7 +131,10 @@ def _polynomial(law: TimeLaw) -> np.ndarray:
 def _curve(curve: BlendedCurve) -> np.ndarray:
     lengths = [section.length for section in curve.sections]
     starts = np.concatenate([[0.0], np.cumsum(lengths)])[:-1]
-    sections = [_section(curve, section, start) for section, start in zip(curve.sections, starts, strict=True)]
+    sections = [
+        _section(curve, section, start)
+        for section, start in zip(curve.sections, starts, strict=True)
+    ]
     return _block(len(curve.start), curve.R_start is not None, len(sections), *sections)
 
 
@@ -130,7 +152,11 @@ def _section(curve: BlendedCurve, section: Section, start: float) -> np.ndarray:
     resolution = 0.0 if table is None else table.resolution
     return _block(
         *(1, start, *ends, segment.length, resolution, position, quaternion(R), *arcs),
-        *(_polynomial(TimeLaw(2 * zone, BUMP)), _geometry(segment), _geometry(curve.segments[k + 1])),
+        *(
+            _polynomial(TimeLaw(2 * zone, BUMP)),
+            _geometry(segment),
+            _geometry(curve.segments[k + 1]),
+        ),
     )
 
 

@@ -42,7 +42,9 @@ def make_place_force(given: Any, model: RobotModel, motions: int) -> ProcessForc
 def places(path: Path, t: np.ndarray) -> np.ndarray:
     """The places (n,) where the path is at the instants ``t`` (n,) [s]."""
     laws = [(segment.law, segment.start) for segment in path.segments]
-    return np.sum([law(t - start, 1)[:, 0] / law(np.array([1e9]), 1)[0, 0] for law, start in laws], axis=0)
+    return np.sum(
+        [law(t - start, 1)[:, 0] / law(np.array([1e9]), 1)[0, 0] for law, start in laws], axis=0
+    )
 
 
 def force_along(force: ProcessForce, path: Path) -> Callable[[np.ndarray], np.ndarray]:
@@ -52,7 +54,9 @@ def force_along(force: ProcessForce, path: Path) -> Callable[[np.ndarray], np.nd
 
 def of_motion(force: ProcessForce | None, motion: int) -> ProcessForce | None:
     """The force over the place on one motion of a path, from 0 to 1; the motions are counted from 0."""
-    return None if force is None else ProcessForce(PPoly(force.curve.c, force.curve.x - motion), 1.0)
+    return (
+        None if force is None else ProcessForce(PPoly(force.curve.c, force.curve.x - motion), 1.0)
+    )
 
 
 def in_time(force: ProcessForce, path: Path) -> ProcessForce:
@@ -65,5 +69,7 @@ def _read(file: FilePath, last: float) -> Trajectory:
     found = read_force(file, "place", EXPECTED)
     begin, end = found.time[0], found.time[-1]
     if begin > 0.0 or end < last:
-        raise ArgumentError(f"force: given the places {begin:g} to {end:g} in {file}, expected 0 to {last:g}, the path")
+        raise ArgumentError(
+            f"force: given the places {begin:g} to {end:g} in {file}, expected 0 to {last:g}, the path"
+        )
     return found

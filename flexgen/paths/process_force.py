@@ -24,7 +24,8 @@ from flexgen.paths.tool_force import CHANNEL, LABELS, UNITS
 from flexgen.torque_curve import spline
 from flexgen.trajectory import Trajectory
 
-STEP, SAMPLES = 2.5e-4, 200_001  # s: between the samples of a function of time, at most; samples, at most
+# s: between the samples of a function of time, at most; samples, at most
+STEP, SAMPLES = 2.5e-4, 200_001
 RESOLVED = 0.25  # interval of a mesh times the angular frequency of a force that it resolves
 ROUNDING = 1e-9  # of a constant force that was computed or read from a file
 EXPECTED = (
@@ -80,7 +81,11 @@ class ProcessForce:
             raise ArgumentError(
                 f"force: given for the output of model {model.name}, combinations of joints, expected one of the tool"
             )
-        rows = list(range(6)) if output.type == "tool_pose" else ["xyz".index(axis) for axis in output.axes]
+        rows = (
+            list(range(6))
+            if output.type == "tool_pose"
+            else ["xyz".index(axis) for axis in output.axes]
+        )
         for k in set(range(6)) - set(rows):
             if np.abs(jets[:, k]).max() > 0.0:
                 raise ArgumentError(
@@ -99,17 +104,23 @@ class ProcessForce:
         fastest = np.percentile(bend.max(axis=1), 99) if varies else 0.0
         return float(RESOLVED * np.sqrt(size / fastest)) if fastest > 0.0 else np.inf
 
-    def channel(self, t: np.ndarray) -> tuple[str, np.ndarray, tuple[str, ...], str, tuple[str, ...]]:
+    def channel(
+        self, t: np.ndarray
+    ) -> tuple[str, np.ndarray, tuple[str, ...], str, tuple[str, ...]]:
         """The row of a trajectory: name, values (n, 6), units, meaning, labels."""
         return CHANNEL, self.at(t), UNITS, "force and torque on the tool, world axes", LABELS
 
 
-def make_force(given: Any, model: RobotModel, duration: float, expected: str = EXPECTED) -> ProcessForce:
+def make_force(
+    given: Any, model: RobotModel, duration: float, expected: str = EXPECTED
+) -> ProcessForce:
     """The force along a path of this duration [s] from what a user gives; ArgumentError unless as ``expected``."""
     if isinstance(given, str | Path):
         file = Path(given)
         if not file.exists():
-            raise ArgumentError(f"force: given the file {str(file)!r}, which does not exist, expected {expected}")
+            raise ArgumentError(
+                f"force: given the file {str(file)!r}, which does not exist, expected {expected}"
+            )
         given = read_force(file, "time_s", expected) if is_table(file) else Trajectory.load(file)
     if isinstance(given, Trajectory):
         t, values = _from_trajectory(given, duration)
@@ -133,12 +144,18 @@ def _numbers(given: Any, expected: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
     if values.ndim != 2 or len(values) < 2:
-        shown = f"an array of shape {np.shape(given)}" if isinstance(given, np.ndarray) else show_value(given)
+        shown = (
+            f"an array of shape {np.shape(given)}"
+            if isinstance(given, np.ndarray)
+            else show_value(given)
+        )
         raise ArgumentError(f"force: given {shown}, expected {expected}")
     return values
 
 
-def _from_function(given: Callable[[np.ndarray], Any], duration: float, expected: str) -> tuple[np.ndarray, np.ndarray]:
+def _from_function(
+    given: Callable[[np.ndarray], Any], duration: float, expected: str
+) -> tuple[np.ndarray, np.ndarray]:
     """Instants on the path and the values of a function of time."""
     t = np.linspace(0.0, duration, int(np.clip(np.ceil(duration / STEP), 400, SAMPLES - 1)) + 1)
     try:
@@ -161,7 +178,9 @@ def _from_function(given: Callable[[np.ndarray], Any], duration: float, expected
 def _from_trajectory(data: Trajectory, duration: float) -> tuple[np.ndarray, np.ndarray]:
     """Instants and values of the channel of a trajectory; it covers the path."""
     if CHANNEL not in data:
-        raise ArgumentError(f"force: given a trajectory with {', '.join(data)}, expected the channel {CHANNEL}")
+        raise ArgumentError(
+            f"force: given a trajectory with {', '.join(data)}, expected the channel {CHANNEL}"
+        )
     units, wanted = data.units[CHANNEL], UNITS[: len(data.units[CHANNEL])]
     if tuple(units) != wanted:
         raise ArgumentError(f"force: given in {', '.join(units)}, expected {', '.join(wanted)}")
@@ -178,7 +197,9 @@ def _wrench(values: np.ndarray, model: RobotModel, expected: str) -> np.ndarray:
     """Samples (n, 6) from those of a user; ArgumentError for a wrong number of columns, NaN or infinity."""
     axes, out = model.output.axes, np.zeros((len(values), 6))
     planar = len(axes) == 2
-    columns = {3: [0, 1, 2], 6: list(range(6))} | ({2: ["xyz".index(axis) for axis in axes]} if planar else {})
+    columns = {3: [0, 1, 2], 6: list(range(6))} | (
+        {2: ["xyz".index(axis) for axis in axes]} if planar else {}
+    )
     if values.shape[1] not in columns:
         raise ArgumentError(f"force: given {values.shape[1]} columns, expected {expected}")
     if not np.isfinite(values).all():

@@ -32,7 +32,8 @@ from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import JointMotion, TimedSegment
 
 DEGREE = 9  # of the spline through the joints
-INTERVALS = (64, 128, 256, 512, 1024)  # of a piece of the path; more where the tool is off between them
+# of a piece of the path; more where the tool is off between them
+INTERVALS = (64, 128, 256, 512, 1024)
 CLOSE = 1e-9  # m for each meter of reach, rad: of the tool between the samples
 STEPS = 20  # of Newton's method back to the path
 SINGULAR = 1e-6  # smallest allowed ratio of the singular values of the Jacobian
@@ -55,16 +56,22 @@ def problem_of_move(
     if not is_redundant(model):
         if fixed_joint is not None:
             expected = "None, because the outputs determine all joints"
-            raise ArgumentError(f"fixed_joint: given {fixed_joint!r} for model {model.name}, expected {expected}")
+            raise ArgumentError(
+                f"fixed_joint: given {fixed_joint!r} for model {model.name}, expected {expected}"
+            )
         return equations, Path(equations, move)
     joints, path = joint_problem(equations, move, fixed_joint)
     if log is not None:
         rule = f", {path.move.rule}" if isinstance(path.move, JointMotion) else ""
-        log(f"{model.output.size} outputs, {model.n_m} motors: the outputs of this move are all joints{rule}")
+        log(
+            f"{model.output.size} outputs, {model.n_m} motors: the outputs of this move are all joints{rule}"
+        )
     return joints, path
 
 
-def joint_problem(equations: Equations, move: Move, fixed_joint: str | None = None) -> tuple[Equations, Path]:
+def joint_problem(
+    equations: Equations, move: Move, fixed_joint: str | None = None
+) -> tuple[Equations, Path]:
     """The equations with all joints as outputs, and the path of these.
 
     Parameters
@@ -86,7 +93,9 @@ def joint_problem(equations: Equations, move: Move, fixed_joint: str | None = No
     model = equations.model
     names = [model.coordinates[i].name for i in model.i_g]
     if fixed_joint is not None and fixed_joint not in names:
-        raise ArgumentError(f"fixed_joint: given {fixed_joint!r}, expected one of {', '.join(names)}")
+        raise ArgumentError(
+            f"fixed_joint: given {fixed_joint!r}, expected one of {', '.join(names)}"
+        )
     joints = derive(_with_joint_outputs(model))
     if move.type == "joint" or isinstance(move, JointMotion):
         return joints, Path(joints, move)
@@ -115,7 +124,9 @@ def _with_joint_outputs(model: RobotModel) -> RobotModel:
     """The model with all its actuated coordinates as outputs."""
     rows = tuple(tuple(float(i == k) for k in range(model.n_a)) for i in model.i_g)
     units = {model.coordinates[i].unit for i in model.i_g}
-    return replace(model, output=Output("combination", "", rows, units.pop() if len(units) == 1 else "mixed"))
+    return replace(
+        model, output=Output("combination", "", rows, units.pop() if len(units) == 1 else "mixed")
+    )
 
 
 class _Follower:
@@ -138,17 +149,25 @@ class _Follower:
             q_g = pieces[-1](high)
         return JointCurve(tuple(pieces), tuple(inner), curve.length)
 
-    def _piece(self, segment: TimedSegment, low: float, high: float, q_g: np.ndarray) -> Callable[..., np.ndarray]:
+    def _piece(
+        self, segment: TimedSegment, low: float, high: float, q_g: np.ndarray
+    ) -> Callable[..., np.ndarray]:
         """The spline of one piece, as fine as the tool needs it."""
         within = np.nextafter(low, high), np.nextafter(high, low)
 
         def slope(s: float, q: np.ndarray) -> np.ndarray:
             sample = self._tool(segment, np.clip([s], *within))
-            return self._solve_least_norm(self._at(q, sample)[1], sample.derivative(1)[0], s / segment.curve.length)
+            return self._solve_least_norm(
+                self._at(q, sample)[1], sample.derivative(1)[0], s / segment.curve.length
+            )
 
-        found = solve_ivp(slope, (low, high), q_g, "DOP853", dense_output=True, rtol=TOLERANCE, atol=TOLERANCE)
+        found = solve_ivp(
+            slope, (low, high), q_g, "DOP853", dense_output=True, rtol=TOLERANCE, atol=TOLERANCE
+        )
         if not found.success:
-            raise SolverError(f"redundant arm: the joints cannot be integrated along the path: {found.message}")
+            raise SolverError(
+                f"redundant arm: the joints cannot be integrated along the path: {found.message}"
+            )
         for n in INTERVALS:
             s = np.linspace(low, high, n + 1)
             sample = self._tool(segment, np.clip(s, *within))
@@ -157,10 +176,14 @@ class _Follower:
             spline = make_interp_spline(s, q, k=DEGREE)
             between = (s[1:] + s[:-1]) / 2
             there = self._tool(segment, between)
-            worst = max(np.abs(self._at(x, there, k)[0]).max() for k, x in enumerate(spline(between)))
+            worst = max(
+                np.abs(self._at(x, there, k)[0]).max() for k, x in enumerate(spline(between))
+            )
             if worst < CLOSE * (1.0 + np.abs(sample.y[:, :, 0]).max()):
                 return spline
-        raise SolverError(f"redundant arm: the joints are {worst:.2e} m or rad off the path between {n} samples")
+        raise SolverError(
+            f"redundant arm: the joints are {worst:.2e} m or rad off the path between {n} samples"
+        )
 
     def _tool(self, segment: TimedSegment, s: np.ndarray) -> PathSample:
         """The output at parameters of the curve, with derivatives in the parameter."""
@@ -170,7 +193,11 @@ class _Follower:
 
     def _at(self, q_g: np.ndarray, sample: PathSample, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Error of the output from a sample, and the Jacobian."""
-        target = sample.y[k, :, 0] if sample.R is None else np.r_[sample.y[k, :, 0], sample.R[k].T.ravel()]
+        target = (
+            sample.y[k, :, 0]
+            if sample.R is None
+            else np.r_[sample.y[k, :, 0], sample.R[k].T.ravel()]
+        )
         error, jacobian = self._error(self.reference.expand(q_g), target)
         return np.array(error)[:, 0], np.array(jacobian)
 
@@ -178,7 +205,9 @@ class _Follower:
         """The smallest change of the free joints with this rate of the output."""
         U, sizes, V = np.linalg.svd(jacobian[:, self.free], full_matrices=False)
         if len(sizes) < len(rate) or not sizes[-1] > SINGULAR * sizes[0]:
-            raise SolverError(f"redundant arm: a singular pose after {100 * share:.3g} % of the path")
+            raise SolverError(
+                f"redundant arm: a singular pose after {100 * share:.3g} % of the path"
+            )
         change = np.zeros(len(self.free))
         change[self.free] = V.T @ ((U.T @ rate) / sizes)
         return change

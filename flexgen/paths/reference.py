@@ -46,7 +46,9 @@ class PathSample(Result):
         """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative of its twist."""
         least, most = 0 if self.w is None else 1, self.y.shape[2] - 1
         if not is_whole(k, least, most):
-            raise ArgumentError(f"k: given {show_value(k)}, expected the order of a derivative, {least} to {most}")
+            raise ArgumentError(
+                f"k: given {show_value(k)}, expected the order of a derivative, {least} to {most}"
+            )
         if self.w is None:
             return self.y[:, :, k]
         return np.hstack([self.y[:, :, k], self.w[:, :, k - 1]])
@@ -60,7 +62,9 @@ class Reference:
         self._references: dict[int, ca.Function] = {}  # by the number of derivatives
         self.pose = self.model.output.type == "tool_pose"
         self.tool = self.pose or self.model.output.type == "tool_position"
-        self.axes = [0, 1, 2] if self.pose else ["xyz".index(axis) for axis in self.model.output.axes]
+        self.axes = (
+            [0, 1, 2] if self.pose else ["xyz".index(axis) for axis in self.model.output.axes]
+        )
 
     def expand(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
         """Arm coordinates (n_a) without deflections, from the actuated ones (n_g)."""

@@ -28,7 +28,13 @@ LARGEST = 1e9
 POSITION = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 VECTOR = ("rx", "ry", "rz")
-PACKED = {"p": POSITION, "quaternion": QUATERNION, "rotation_vector": VECTOR, "t": ("t",), "u": ("u",)}
+PACKED = {
+    "p": POSITION,
+    "quaternion": QUATERNION,
+    "rotation_vector": VECTOR,
+    "t": ("t",),
+    "u": ("u",),
+}
 
 
 @dataclass(frozen=True)
@@ -57,10 +63,14 @@ class _File:
         file = FilePath(path)
         try:
             if not file.is_file():
-                raise ArgumentError(f"samples: given {path!r}, which is not a file, expected a .csv or .npz file")
+                raise ArgumentError(
+                    f"samples: given {path!r}, which is not a file, expected a .csv or .npz file"
+                )
             if file.stat().st_size > SIZE_MAX:
                 self.fail(0, "file", f"more than {SIZE_MAX} bytes", "a shorter file")
-            self.columns, self.lines = self._read_packed(file) if file.suffix == ".npz" else self._text(file)
+            self.columns, self.lines = (
+                self._read_packed(file) if file.suffix == ".npz" else self._text(file)
+            )
         except ArgumentError:
             raise
         except NpzError as error:
@@ -78,7 +88,12 @@ class _File:
                 try:
                     row = stream.readline(LINE_MAX + 1)
                 except UnicodeDecodeError:
-                    self.fail(0, "file", "text that is not UTF-8", "a .csv file with a header row, or a .npz file")
+                    self.fail(
+                        0,
+                        "file",
+                        "text that is not UTF-8",
+                        "a .csv file with a header row, or a .npz file",
+                    )
                 if not row:
                     return
                 if len(row) > LINE_MAX:
@@ -86,7 +101,9 @@ class _File:
                 cells = row.split("#")[0].strip()
                 if cells:
                     yield n, next(csv.reader([cells]))
-        self.fail(LINES_MAX, "file", f"more than {LINES_MAX} lines", f"at most {ROWS_MAX} rows of numbers")
+        self.fail(
+            LINES_MAX, "file", f"more than {LINES_MAX} lines", f"at most {ROWS_MAX} rows of numbers"
+        )
 
     def _text(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
         rows = self._rows(file)
@@ -112,7 +129,9 @@ class _File:
             if len(cells) != len(names):
                 self.fail(line, "row", f"{len(cells)} values", f"{len(names)}, one for each column")
             lines.append(line)
-            values.extend(self._number(line, name, cell) for name, cell in zip(names, cells, strict=True))
+            values.extend(
+                self._number(line, name, cell) for name, cell in zip(names, cells, strict=True)
+            )
         table = np.array(values).reshape(len(lines), len(names))
         return dict(zip(names, table.T, strict=True)), np.array(lines, dtype=int)
 
@@ -146,12 +165,17 @@ class _File:
             if not (np.abs(numbers) <= LARGEST).all():
                 bad = int(np.flatnonzero(~(np.abs(numbers) <= LARGEST).all(axis=1))[0])
                 self.fail(
-                    bad + 1, name, "a number that is not finite or too large", f"numbers of size at most {LARGEST:g}"
+                    bad + 1,
+                    name,
+                    "a number that is not finite or too large",
+                    f"numbers of size at most {LARGEST:g}",
                 )
             out |= dict(zip(columns, numbers.T, strict=True))
         sizes = {len(column) for column in out.values()}
         if len(sizes) > 1:
-            self.fail(0, "file", f"arrays of {sorted(sizes)} rows", "the same number of rows in each")
+            self.fail(
+                0, "file", f"arrays of {sorted(sizes)} rows", "the same number of rows in each"
+            )
         n = sizes.pop() if sizes else 0
         return out, np.arange(1, n + 1)
 
@@ -195,13 +219,21 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     tool = model.output.type in ("tool_position", "tool_pose")
     both = [name for name in joints if name in outputs and name in file.columns]
     if both and not tool:
-        file.fail(1, both[0], "a column that is a joint and an output", "another name of the joint in the model")
+        file.fail(
+            1,
+            both[0],
+            "a column that is a joint and an output",
+            "another name of the joint in the model",
+        )
     if any(name in file.columns for name in joints):
         space, values = "joint", file.take(joints)
     elif any(name in file.columns for name in outputs):
         if tool:
             file.fail(
-                1, outputs[0], "outputs", "tool positions x, y, z or joint coordinates, because the output is the tool"
+                1,
+                outputs[0],
+                "outputs",
+                "tool positions x, y, z or joint coordinates, because the output is the tool",
             )
         space, values = "output", file.take(outputs)
     else:
@@ -221,7 +253,12 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
         same &= True if q is None else np.abs(np.diff(q, axis=0)).max(axis=1) == 0
         if same.any():
             line = int(file.lines[int(np.flatnonzero(same)[0]) + 1])
-            file.fail(line, "row", "the same values as in the row before", "different rows, or a column t or u")
+            file.fail(
+                line,
+                "row",
+                "the same values as in the row before",
+                "different rows, or a column t or u",
+            )
     return Samples(space, values, q, knots, timed)
 
 
@@ -235,7 +272,12 @@ def _knots(file: _File, joints: tuple[str, ...]) -> tuple[np.ndarray | None, boo
     falling = np.flatnonzero(np.diff(knots) <= 0)
     if len(falling):
         i = int(falling[0]) + 1
-        file.fail(int(file.lines[i]), given[0], f"{knots[i]:g} after {knots[i - 1]:g}", "increasing values")
+        file.fail(
+            int(file.lines[i]),
+            given[0],
+            f"{knots[i]:g} after {knots[i - 1]:g}",
+            "increasing values",
+        )
     return knots, given[0] == "t"
 
 
@@ -247,7 +289,12 @@ def _orientation(file: _File) -> np.ndarray | None:
         bad = np.flatnonzero(np.abs(norm - 1) > UNIT)
         if len(bad):
             line = int(file.lines[bad[0]])
-            file.fail(line, "qw", f"a quaternion of length {norm[bad[0]]:.6g}", f"length 1 within {UNIT:g}")
+            file.fail(
+                line,
+                "qw",
+                f"a quaternion of length {norm[bad[0]]:.6g}",
+                f"length 1 within {UNIT:g}",
+            )
         q = q / norm[:, None]
     elif any(name in file.columns for name in VECTOR):
         q = np.zeros((len(file.lines), 4))
@@ -262,5 +309,7 @@ def _orientation(file: _File) -> np.ndarray | None:
         angle = 4 * np.arcsin(min(1.0, float(np.linalg.norm(q[i] - q[i - 1])) / 2))
         if angle > ROTATION_MAX:
             expected = "at most 90 deg from row to row"
-            file.fail(int(file.lines[i]), "row", f"a rotation by {np.degrees(angle):.3g} deg", expected)
+            file.fail(
+                int(file.lines[i]), "row", f"a rotation by {np.degrees(angle):.3g} deg", expected
+            )
     return q

@@ -8,7 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
-from flexgen.paths.jets import Attitude, chain_rule, multiply_rotations, rotation_matrices, rotation_quaternion
+from flexgen.paths.jets import (
+    Attitude,
+    chain_rule,
+    multiply_rotations,
+    rotation_matrices,
+    rotation_quaternion,
+)
 from flexgen.paths.trigonometry import sine_cosine
 
 FLAT = 1e-9  # relative: three points are on a line, a radius or an axis is zero
@@ -60,7 +66,9 @@ class Line:
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
-        line = float(np.abs(self.total).max()) if self.largest else float(np.linalg.norm(self.total))
+        line = (
+            float(np.abs(self.total).max()) if self.largest else float(np.linalg.norm(self.total))
+        )
         return line, self.radius * float(np.linalg.norm(self.rotation))
 
     @property
@@ -102,7 +110,10 @@ class Arc:
     @property
     def length(self) -> float:
         """Arc length, or ``radius`` times the angle of rotation if that is longer."""
-        return max(self.size * abs(self.angle), self.radius * float(np.linalg.norm(self.rotation))) or 1.0
+        return (
+            max(self.size * abs(self.angle), self.radius * float(np.linalg.norm(self.rotation)))
+            or 1.0
+        )
 
     @property
     def by_arc_length(self) -> bool:
@@ -140,7 +151,9 @@ def attitude_along(segment: Segment, x: np.ndarray, R: np.ndarray) -> Attitude:
     w = segment.rotation[None, :, None] * (x[:, None, 1:] / segment.length)
     if angle == 0:
         return np.broadcast_to(R, (len(x), 3, 3)), w
-    return multiply_rotations(rotation_matrices(segment.rotation / angle, x[:, 0] * (angle / segment.length)), R), w
+    return multiply_rotations(
+        rotation_matrices(segment.rotation / angle, x[:, 0] * (angle / segment.length)), R
+    ), w
 
 
 def circle_through(via: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:

@@ -70,12 +70,16 @@ class SmoothnessReport:
     @property
     def has_kinks(self) -> bool:
         """True if the torque jumps or has kinks: derivative ``required + 1`` of the path, or a lower one, jumps."""
-        return self.required is not None and any(jump.order <= self.required + 1 for jump in self.jumps)
+        return self.required is not None and any(
+            jump.order <= self.required + 1 for jump in self.jumps
+        )
 
     @property
     def torque_jumps(self) -> tuple[Jump, ...]:
         """The jumps that make the torque discontinuous."""
-        return tuple(jump for jump in self.jumps if self.required is not None and jump.order <= self.required)
+        return tuple(
+            jump for jump in self.jumps if self.required is not None and jump.order <= self.required
+        )
 
     def lines(self) -> list[str]:
         """The report as text: a line for each jump of the torque, and one for its kinks if they have an effect."""
@@ -84,7 +88,9 @@ class SmoothnessReport:
             text = f"t = {jump.time:.4g} s: derivative {jump.order} of the path jumps by {jump.size:.3g}"
             if jump.torque is not None:
                 how = (
-                    "jumps by" if jump.order == self.required else f"needs an impulse (sampled at {self.step:.2g} s) of"
+                    "jumps by"
+                    if jump.order == self.required
+                    else f"needs an impulse (sampled at {self.step:.2g} s) of"
                 )
                 text += f"; the torque {how} about {jump.torque:.2g} N m"
             if jump.tool:
@@ -101,7 +107,9 @@ class SmoothnessReport:
         return out
 
 
-def smoothness_report(equations: Equations, path: Path, step: float | None = None) -> SmoothnessReport:
+def smoothness_report(
+    equations: Equations, path: Path, step: float | None = None
+) -> SmoothnessReport:
     """Find where the derivatives of a path jump, and estimate the effect on the torque and the tool.
 
     A jump D of the k-th derivative requires the torque ``G(s)^-1 D / s^(k + 1)``, with G the linearization of the robot
@@ -138,9 +146,19 @@ def smoothness_report(equations: Equations, path: Path, step: float | None = Non
     jumps = []
     for k, (time, order, jump) in enumerate(found):
         n = 3 if path.pose else len(jump)
-        entry = Jump(time, order, float(np.linalg.norm(jump[:n])), float(np.linalg.norm(jump[n:])), None, None, None)
+        entry = Jump(
+            time,
+            order,
+            float(np.linalg.norm(jump[:n])),
+            float(np.linalg.norm(jump[n:])),
+            None,
+            None,
+            None,
+        )
         if configurations is not None and (required is None or order <= required + 1):
-            entry = _with_effect(equations, entry, jump, configurations[k], required, dt, path.duration - time)
+            entry = _with_effect(
+                equations, entry, jump, configurations[k], required, dt, path.duration - time
+            )
         jumps.append(entry)
     return replace(report, jumps=tuple(jumps))
 
@@ -157,7 +175,10 @@ def _jumps(path: Path) -> list[tuple[float, int, np.ndarray]]:
         for k in range(1, ORDER + 1):
             # Taylor expansion of both sides to the instant
             sides = [
-                sum(sample.derivative(k + j)[i] * shift**j / factorial(j) for j in range(ORDER - k + 1))
+                sum(
+                    sample.derivative(k + j)[i] * shift**j / factorial(j)
+                    for j in range(ORDER - k + 1)
+                )
                 for sample, shift in ((left, d), (right, -d))
             ]
             jump = np.asarray(sides[1] - sides[0])
@@ -198,11 +219,19 @@ def _with_effect(
         fast = ABOVE * float(np.abs(poles(linear)).max())
         sampled = 2 / dt
         high = max(fast, sampled) if required is None or entry.order >= required else sampled
-        torque = np.abs(np.linalg.solve(_transfer(linear, high), jump * (1j * high) ** -entry.order)).max()
-        area = np.linalg.solve(_transfer(linear, sampled), jump * (1j * sampled) ** -(entry.order + 1.0))
+        torque = np.abs(
+            np.linalg.solve(_transfer(linear, high), jump * (1j * high) ** -entry.order)
+        ).max()
+        area = np.linalg.solve(
+            _transfer(linear, sampled), jump * (1j * sampled) ** -(entry.order + 1.0)
+        )
     except (FlexgenError, np.linalg.LinAlgError):
         return entry
-    drift = _drift(linear, np.abs(area) * np.cos(np.angle(area) - np.angle(area[np.argmax(np.abs(area))])), remaining)
+    drift = _drift(
+        linear,
+        np.abs(area) * np.cos(np.angle(area) - np.angle(area[np.argmax(np.abs(area))])),
+        remaining,
+    )
     n = len(jump) - 3 if entry.rotation or len(jump) == 6 else len(jump)
     tool = float(np.linalg.norm(drift[:, :n], axis=1).max())
     rotation = float(np.linalg.norm(drift[:, n:], axis=1).max()) if n < len(jump) else 0.0

@@ -114,8 +114,13 @@ def speed_law(stretches: list[Stretch], bounds: tuple[float, ...], smoothness: i
         )
     if not (smoothness == 0 or 2 <= smoothness <= 9):
         raise ArgumentError(f"smoothness: given {smoothness}, expected 0 for trapezoids, or 2 to 9")
-    if not all(np.isfinite(s.length) and s.length > 0 and s.speed > 0 for s in stretches) or not stretches:
-        raise ArgumentError(f"stretches: given {stretches}, expected one or more with length > 0 and speed > 0")
+    if (
+        not all(np.isfinite(s.length) and s.length > 0 and s.speed > 0 for s in stretches)
+        or not stretches
+    ):
+        raise ArgumentError(
+            f"stretches: given {stretches}, expected one or more with length > 0 and speed > 0"
+        )
     higher = tuple(float(b) for b in bounds[1:])
 
     def distance(a: float, b: float) -> float:

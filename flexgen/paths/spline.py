@@ -20,7 +20,8 @@ from flexgen.paths.jets import (
 )
 from flexgen.paths.sample_files import Samples
 
-MANY, FAST = 20, 0.3  # from so many samples on, speed of the first or last interval over the largest: not from rest
+# from so many samples on, speed of the first or last interval over the largest: not from rest
+MANY, FAST = 20, 0.3
 MIN_SPEED = 1e-3  # of the mean |dp/du|; below it arc length cannot be the parameter
 
 
@@ -32,7 +33,9 @@ class SplineCurve:
     the angle times ``radius``. Orientation: a spline through the quaternions, normalized.
     """
 
-    def __init__(self, samples: Samples, degree: int, radius: float, R_fixed: np.ndarray | None = None) -> None:
+    def __init__(
+        self, samples: Samples, degree: int, radius: float, R_fixed: np.ndarray | None = None
+    ) -> None:
         values, q = samples.values, samples.quaternions
         self.timed, self.radius, self.degree, self.fixed = samples.timed, radius, degree, R_fixed
         self.width = values.shape[1]
@@ -42,7 +45,9 @@ class SplineCurve:
             steps = np.diff(values, axis=0)
             distance = np.linalg.norm(steps, axis=1)
             if q is not None:
-                distance = np.hypot(distance, 2 * radius * np.linalg.norm(np.diff(q, axis=0), axis=1))
+                distance = np.hypot(
+                    distance, 2 * radius * np.linalg.norm(np.diff(q, axis=0), axis=1)
+                )
             knots = np.concatenate([[0.0], np.cumsum(distance)])
         self.scale = float(knots[-1] - knots[0]) / (len(knots) - 1)
         knots = (knots - knots[0]) / self.scale
@@ -82,7 +87,9 @@ class SplineCurve:
         if both.shape[1] == self.width:
             return both, None
         raw = both[:, self.width :]
-        return both[:, : self.width], product(raw, reciprocal(square_root(product(raw, raw).sum(axis=1)))[:, None])
+        return both[:, : self.width], product(
+            raw, reciprocal(square_root(product(raw, raw).sum(axis=1)))[:, None]
+        )
 
     def _speed(self, u: np.ndarray) -> np.ndarray:
         """|dp/du| (n,)."""
@@ -105,14 +112,19 @@ class SplineCurve:
             u = s / self.scale
         else:
             own = self.table.parameter(np.clip(s[:, 0], 0.0, self.length))
-            u = compose(inverse_function(own, square_root(self._speed_squared(own)))[:, None, :], s)[:, 0]
+            u = compose(
+                inverse_function(own, square_root(self._speed_squared(own)))[:, None, :], s
+            )[:, 0]
         x, q = self._at(u[:, 0])
         x = compose(x, u)
         if q is not None:
             return x, attitude(compose(q, u))
         if self.fixed is None:
             return x, None
-        return x, (np.broadcast_to(self.fixed, (len(s), 3, 3)), np.zeros((len(s), 3, s.shape[1] - 1)))
+        return x, (
+            np.broadcast_to(self.fixed, (len(s), 3, 3)),
+            np.zeros((len(s), 3, s.shape[1] - 1)),
+        )
 
 
 def _in_motion(knots: np.ndarray, values: np.ndarray) -> tuple[str, ...]:

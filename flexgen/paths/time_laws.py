@@ -57,7 +57,9 @@ class TimeLaw:
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise ArgumentError(f"duration: given {self.duration}, expected a time > 0 [s]")
         if not 0 <= self.smoothness <= 9:
-            raise ArgumentError(f"smoothness: given {self.smoothness}, expected 0 to 9 continuous derivatives")
+            raise ArgumentError(
+                f"smoothness: given {self.smoothness}, expected 0 to 9 continuous derivatives"
+            )
 
     @property
     def breaks(self) -> np.ndarray:
@@ -120,7 +122,9 @@ class SplineLaw:
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise ArgumentError(f"duration: given {self.duration}, expected a time > 0 [s]")
         if not 1 <= len(self.inner) <= 200 or not np.isfinite(self.inner).all():
-            raise ArgumentError(f"timing: given {len(self.inner)} coefficients, expected 1 to 200 finite numbers")
+            raise ArgumentError(
+                f"timing: given {len(self.inner)} coefficients, expected 1 to 200 finite numbers"
+            )
 
     @property
     def smoothness(self) -> int:

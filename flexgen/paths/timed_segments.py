@@ -22,7 +22,9 @@ INSTANTS = 801  # equidistant instants at which bounds are checked
 BETWEEN = 17  # more instants between two breaks of a law
 NEARLY = 0.98  # of the largest; such a local maximum may be higher between the instants
 INSIDE = 16  # intervals in a section of a curve and between two breaks of a law, at least
-TURN = 0.1  # rad or m: where a joint moves farther from one instant to the next, its limits are checked in between
+# rad or m: where a joint moves farther from one instant to the next, its limits are checked in
+# between
+TURN = 0.1
 FINER = 4  # times
 PLACED = 3  # times that the instants of the ends of sections are interpolated
 POINTS = 33  # per stretch, at which its curvature is evaluated
@@ -73,14 +75,19 @@ class TimedSegment:
         t = np.asarray(t, dtype=float)
         since, duration = t - self.start, self.law.duration
         # at the end and after it: rest, whatever the rounding of the difference
-        return self.curve(self.law(np.where(t >= self.start + duration, since + duration, since), JET - 1))
+        return self.curve(
+            self.law(np.where(t >= self.start + duration, since + duration, since), JET - 1)
+        )
 
     @property
     def breaks(self) -> np.ndarray:
         """Instants at which a derivative up to order 5 may jump [s]."""
         out = [self.law.breaks]
         if len(self.curve.breaks):
-            low, high = np.zeros(len(self.curve.breaks)), np.full(len(self.curve.breaks), self.law.duration)
+            low, high = (
+                np.zeros(len(self.curve.breaks)),
+                np.full(len(self.curve.breaks), self.law.duration),
+            )
             for _ in range(60):
                 middle = (low + high) / 2
                 before = self.law(middle, 0)[:, 0] < self.curve.breaks
@@ -97,7 +104,9 @@ class TimedSegment:
         t = np.union1d(np.linspace(0.0, self.law.duration, 4 * len(ends)), self.law.breaks)
         for _ in range(PLACED):
             t = np.union1d(t, np.interp(ends, self.law(t, 1)[:, 0], t))
-        borders = np.concatenate([[0.0], np.interp(ends, self.law(t, 1)[:, 0], t), [self.law.duration]])
+        borders = np.concatenate(
+            [[0.0], np.interp(ends, self.law(t, 1)[:, 0], t), [self.law.duration]]
+        )
         inside = borders[:-1, None] + np.diff(borders)[:, None] * np.linspace(0.0, 1.0, INSIDE + 1)
         return np.union1d(equidistant, self.start + inside.ravel())
 
@@ -121,7 +130,9 @@ class PlannedMove:
     q_g: np.ndarray
 
 
-def derivative_norms(space: str, x: np.ndarray, attitude: Attitude | None, radius: float) -> np.ndarray:
+def derivative_norms(
+    space: str, x: np.ndarray, attitude: Attitude | None, radius: float
+) -> np.ndarray:
     """Norms (n, 5) of the derivatives 1 to 5 of a curve.
 
     For the tool: the Euclidean norm, or ``radius`` [m] times that of the angular velocity if that is larger; otherwise
@@ -144,7 +155,10 @@ def _stretches(
     if isinstance(curve, BlendedCurve):
         lengths = [section.length for section in curve.sections]
         each = speeds or [bounds[0]] * len(curve.segments)
-        caps = [min(each[p.segment], each[p.segment + 1]) if p.corner else each[p.segment] for p in curve.sections]
+        caps = [
+            min(each[p.segment], each[p.segment + 1]) if p.corner else each[p.segment]
+            for p in curve.sections
+        ]
     else:
         lengths = [curve.length / STRETCHES] * STRETCHES
         caps = [bounds[0]] * STRETCHES
@@ -204,7 +218,9 @@ def plan_law(
     law = speed_law(stretches, (max(s.speed for s in stretches), *bounds[1:]), smoothness)
     segment = TimedSegment(space, curve, law)
     found = _peaks(segment, radius)
-    factor = max(float(f / b) ** (1 / k) for k, (f, b) in enumerate(zip(found, bounds, strict=False), 1))
+    factor = max(
+        float(f / b) ** (1 / k) for k, (f, b) in enumerate(zip(found, bounds, strict=False), 1)
+    )
     kinematics = InverseKinematics(reference.equations)
     if kinematics.has_limits:
         factor = max(factor, _joint_slowdown(reference, kinematics, segment, q_g) * (1 + TOLERANCE))
@@ -216,7 +232,10 @@ def plan_law(
 
 
 def _joint_slowdown(
-    reference: Reference, kinematics: InverseKinematics, segment: TimedSegment, q_g: np.ndarray | None
+    reference: Reference,
+    kinematics: InverseKinematics,
+    segment: TimedSegment,
+    q_g: np.ndarray | None,
 ) -> float:
     """Factor by which the limits of joints and motors slow a motion down, from instants between the breaks of its law.
 
@@ -239,7 +258,10 @@ def _joint_slowdown(
         parts = [np.split(values, ends) for values in (v, a)]
         for count in np.unique(counts):
             same = np.flatnonzero(counts == count)
-            factor = max(factor, kinematics.slowdown(*(np.stack([one[k] for k in same], axis=1) for one in parts)))
+            factor = max(
+                factor,
+                kinematics.slowdown(*(np.stack([one[k] for k in same], axis=1) for one in parts)),
+            )
         far = np.abs(np.diff(q, axis=0)).max(axis=1) > TURN
         far[ends - 1] = False
         if segment.space == "joint" or not far.any():
@@ -259,19 +281,29 @@ def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:
     found = derivative_norms(segment.space, *segment.at(t), radius)
     high = found[1:-1] >= np.maximum(NEARLY * found.max(axis=0), np.maximum(found[:-2], found[2:]))
     maxima = np.flatnonzero(high.any(axis=1)) + 1
-    near = t[maxima - 1, None] + (t[maxima + 1] - t[maxima - 1])[:, None] * np.linspace(0, 1, POINTS)
+    near = t[maxima - 1, None] + (t[maxima + 1] - t[maxima - 1])[:, None] * np.linspace(
+        0, 1, POINTS
+    )
     return np.asarray(
-        np.maximum(found.max(axis=0), derivative_norms(segment.space, *segment.at(near.ravel()), radius).max(axis=0))
+        np.maximum(
+            found.max(axis=0),
+            derivative_norms(segment.space, *segment.at(near.ravel()), radius).max(axis=0),
+        )
     )
 
 
-def configuration_at_end(reference: Reference, segment: TimedSegment, q_g: np.ndarray) -> np.ndarray:
+def configuration_at_end(
+    reference: Reference, segment: TimedSegment, q_g: np.ndarray
+) -> np.ndarray:
     """Actuated coordinates (n_g) of the undeflected arm at the end of a segment, from those at its start."""
     t = segment.instants(INSTANTS // 4 + 1)
     x, attitude = segment.at(t)
     if segment.space == "joint":
         return np.array(x[-1, :, 0])
-    sample, at = reference.sample(segment.space, x, attitude), (t - segment.start) / segment.law.duration
+    sample, at = (
+        reference.sample(segment.space, x, attitude),
+        (t - segment.start) / segment.law.duration,
+    )
     kinematics = InverseKinematics(reference.equations)
     if len(t) == INSTANTS // 4 + 1:
         return kinematics.follow(sample, q_g)[-1]

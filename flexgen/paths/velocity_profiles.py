@@ -65,7 +65,9 @@ class TrapezoidStep:
         """Knots of the first half, and the derivatives -1 (the integral) to p at each, (m, p + 2)."""
         p, end = len(self.times), self.duration
         corners = sorted(
-            (sum(chosen), (-1.0) ** size) for size in range(p + 1) for chosen in combinations(self.times, size)
+            (sum(chosen), (-1.0) ** size)
+            for size in range(p + 1)
+            for chosen in combinations(self.times, size)
         )
         knots: list[float] = []
         jumps: list[float] = []
@@ -80,7 +82,9 @@ class TrapezoidStep:
         values = np.zeros((len(knots), p + 2))
         for i in range(len(knots)):
             if i:
-                values[i] = _taylor(values[i - 1][None], np.array([knots[i] - knots[i - 1]]), p + 2)[0]
+                values[i] = _taylor(
+                    values[i - 1][None], np.array([knots[i] - knots[i - 1]]), p + 2
+                )[0]
             values[i, p + 1] += jumps[i] / prod(self.times)
         return np.array(knots), values
 
@@ -129,7 +133,10 @@ def box_times(size: float, bounds: tuple[float, ...]) -> tuple[float, ...]:
     amplitude, above = bounds[-1], 0.0
     times: list[float] = []
     for k in range(p, 0, -1):
-        longest = min(_box(limits[k - 1 - j] / (amplitude * 2.0 ** (j * (j - 1) / 2)), above, j) for j in range(k))
+        longest = min(
+            _box(limits[k - 1 - j] / (amplitude * 2.0 ** (j * (j - 1) / 2)), above, j)
+            for j in range(k)
+        )
         longest = max(longest, above)
         times.append(longest)
         amplitude *= longest
@@ -172,7 +179,11 @@ def speed_step(size: float, bounds: tuple[float, ...], smoothness: int) -> Speed
     if smoothness == 0:
         return TrapezoidStep(box_times(size, bounds))
     k = smoothness - 1
-    times = [(size * _peak(k, j) / bound) ** (1 / j) for j, bound in enumerate(bounds, 1) if j <= 2 * k + 1]
+    times = [
+        (size * _peak(k, j) / bound) ** (1 / j)
+        for j, bound in enumerate(bounds, 1)
+        if j <= 2 * k + 1
+    ]
     return TimeLaw(max(times), k)
 
 

@@ -25,7 +25,8 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 
-EARLY_S, BLEND_S = 0.15, 0.1  # begin of the window before the path; its ends, where Q becomes constant
+# begin of the window before the path; its ends, where Q becomes constant
+EARLY_S, BLEND_S = 0.15, 0.1
 LATE_S = 1.5  # end of the window after the path: integral parts have settled under another load
 DEGREE = 7  # of the spline through the corrections
 MESH_S = 1e-2  # of the inversion
@@ -34,16 +35,22 @@ MESH_S = 1e-2  # of the inversion
 class CommandedPath:
     """Corrected paths of a move and their feedforward."""
 
-    def __init__(self, case: Case, sample_s: float, delay_s: float, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, case: Case, sample_s: float, delay_s: float, tell: Callable[[str], None]
+    ) -> None:
         if case.solution.status == Status.LIMITS_ACTIVE:
-            raise ArgumentError("solution: given one whose path limits changed, expected one that follows its move")
+            raise ArgumentError(
+                "solution: given one whose path limits changed, expected one that follows its move"
+            )
         self._case, self.sample_s, self.delay_s = case, sample_s, delay_s
         self.equations, self.outputs = case.equations, case.model.output.size
         self.path = Path(self.equations, case.solution.move)
         problem = InversionProblem(self.equations, self.path, force=case.force)
         _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
         solvers = () if case.force is None else ("invert", "force")
-        self.library = inversion_library(Equations(case.solution.model), "lq", solvers, memory=True, progress=tell)
+        self.library = inversion_library(
+            Equations(case.solution.model), "lq", solvers, memory=True, progress=tell
+        )
         count = int(np.ceil((self.path.duration + EARLY_S + LATE_S) / self.period)) + 1
         self.time = -EARLY_S + self.period * np.arange(count)
         self._reduction = Reduction(self.equations)
@@ -51,9 +58,14 @@ class CommandedPath:
         self._y = self._reduction.targets(sample)
         self._rates = sample.derivative(1), sample.derivative(2)
         self._R = sample.R
-        robots = LocalDynamics(derive(self.equations.model, tuple(p.name for p in case.plants.parameters)))
+        robots = LocalDynamics(
+            derive(self.equations.model, tuple(p.name for p in case.plants.parameters))
+        )
         self._local = robots.under(case.force, case.reference.time[0])
-        first, last = self.time[0] - self.n_pre * self.period, self.time[-1] + self.n_post * self.period
+        first, last = (
+            self.time[0] - self.n_pre * self.period,
+            self.time[-1] + self.n_post * self.period,
+        )
         before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
         self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)
         self._force = None if case.force is None else case.force.on_output(case.model, self.time)
@@ -79,7 +91,13 @@ class CommandedPath:
         pushing = None if case.force is None else case.force.at(found.t + self.time[0])
         trajectory = trajectory_of(found, self.time[0], case.model.name, pushing)
         reference = motion_reference(
-            trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid, self._signals
+            trajectory,
+            self.path,
+            self.sample_s,
+            self.delay_s,
+            case.library,
+            self._grid,
+            self._signals,
         )
         if case.force is not None:
             reference = resting(reference, self._local, case.plants.values[:1])

@@ -24,7 +24,9 @@ def stiffness_deviations(model: RobotModel) -> np.ndarray:
     rigid = {i for i, (gear, _) in zip(model.i_g, gears(model), strict=True) if gear.rigid}
     sd = np.zeros(model.n_a)
     for i, coordinate in enumerate(model.coordinates):
-        stated = [named[x] for x in (f"{coordinate.name}.{number}" for number in NUMBERS) if x in named]
+        stated = [
+            named[x] for x in (f"{coordinate.name}.{number}" for number in NUMBERS) if x in named
+        ]
         if i not in rigid:
             sd[i] = max(stated, default=given.stiffness or STIFFNESS_SD)
     return sd

@@ -103,7 +103,9 @@ class LearningResult(Result):
     @property
     def dynamic_errors(self) -> tuple[float, ...]:
         """Largest dynamic errors: static errors at both ends subtracted, in `unit`."""
-        found = [run.figures(run[self.plant])[f"dynamic_error_max_{self.unit}"] for run in self.runs]
+        found = [
+            run.figures(run[self.plant])[f"dynamic_error_max_{self.unit}"] for run in self.runs
+        ]
         return tuple(float(x) if np.isfinite(x) else float("inf") for x in found)
 
     @property
@@ -138,11 +140,16 @@ class LearningResult(Result):
 
     def __str__(self) -> str:
         """The errors of all iterations."""
-        rows = [f"  {k}: {format_size(e, self.unit)}{' (best)' * (k == self.best)}" for k, e in enumerate(self.errors)]
+        rows = [
+            f"  {k}: {format_size(e, self.unit)}{' (best)' * (k == self.best)}"
+            for k, e in enumerate(self.errors)
+        ]
         if self.measured_by != TRACKER:
             parts = zip(self.dynamic_errors, self.measured_errors, strict=True)
             u = self.unit
-            more = [f", dynamic {format_size(d, u)}, estimated {format_size(e, u)}" for d, e in parts]
+            more = [
+                f", dynamic {format_size(d, u)}, estimated {format_size(e, u)}" for d, e in parts
+            ]
             rows = [row + text for row, text in zip(rows, more, strict=True)]
         head = (
             f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "
@@ -242,9 +249,13 @@ def learn(
     if not (is_number(gain) and 0 < gain <= 2):
         raise ArgumentError(f"gain: given {gain!r}, expected more than 0, at most 2")
     if measured_by not in MEASURED_BY:
-        raise ArgumentError(f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}")
+        raise ArgumentError(
+            f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}"
+        )
     name = "robot"
-    channels = _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None
+    channels = (
+        _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None
+    )
     case = control_case(
         model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
         plants={name: mapping_of("plant", {} if plant is None else plant, "changes such as {'stiffness': 0.8}")},
@@ -252,17 +263,32 @@ def learn(
     )  # fmt: skip
     commanded = CommandedPath(case, sample_time, delay, tell)
     motion = case.reference.points(np.array([0]))
-    low = frequency_hz if frequency_hz is not None else SHARE * (lowest_locked_hz(case.model, motion) or 10.0)
+    low = (
+        frequency_hz
+        if frequency_hz is not None
+        else SHARE * (lowest_locked_hz(case.model, motion) or 10.0)
+    )
     if not (is_number(low) and 0 < low < 0.45 / commanded.period):
         most = 0.45 / commanded.period
-        raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
+        raise ArgumentError(
+            f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz"
+        )
     law, title = controller_of(controller, case.equations.model, sample_time, delay, motion)
     seen = _plain if channels is None else _Smoothed(case, channels, name)
     runs, corrections, best, stopped, shown = _iterate(
         commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, tell
     )  # fmt: skip
     return LearningResult(
-        runs, corrections, commanded.time, best, float(low), float(gain), name, stopped, measured_by, shown
+        runs,
+        corrections,
+        commanded.time,
+        best,
+        float(low),
+        float(gain),
+        name,
+        stopped,
+        measured_by,
+        shown,
     )
 
 
@@ -298,7 +324,11 @@ def _iterate(
             break
         if errors[-1] < errors[best]:
             best = k
-        grown = errors[-1] > GROWS * errors[0] if noisy else errors[-1] - GROWS * errors[best] > SETTLED * errors[0]
+        grown = (
+            errors[-1] > GROWS * errors[0]
+            if noisy
+            else errors[-1] - GROWS * errors[best] > SETTLED * errors[0]
+        )
         if not np.isfinite(errors[-1]) or grown:
             stopped = f"iteration {k}: the error grows; the best iteration is {best}"
             break
@@ -319,7 +349,10 @@ def _accelerometers(model: RobotModel, encoder_noise: float) -> Channels:
 
 def _places(model: RobotModel, channels: Channels) -> np.ndarray:
     """Numbers of the channels among motors and all sensors of a model."""
-    names = [*(m.name for m in model.motors), *(channel for sensor in model.sensors for channel in sensor.channels)]
+    names = [
+        *(m.name for m in model.motors),
+        *(channel for sensor in model.sensors for channel in sensor.channels),
+    ]
     return np.array([names.index(name) for name in channels.names])
 
 

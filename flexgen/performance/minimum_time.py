@@ -52,8 +52,10 @@ TIME_LIMIT = 600.0  # s, of a search
 CHECKS = 20  # of the solution
 DENSE = 8  # instants in each interval of its samples
 INTERVALS = 4000  # of its mesh where it is refined
-NO_TORQUE = 0.1  # of the largest torque of a curve; excesses of what it allows below it are relative to all of it
-AGAINST, ROUNDS, SLACK = "95 %", 5, 1e-3  # searches with a margin; relative excess of a limit that is accepted
+# of the largest torque of a curve; excesses of what it allows below it are relative to all of it
+NO_TORQUE = 0.1
+# searches with a margin; relative excess of a limit that is accepted
+AGAINST, ROUNDS, SLACK = "95 %", 5, 1e-3
 
 
 @checked_result
@@ -139,7 +141,11 @@ class FastestMove(Result):
         """Torque limits [N m] that are the largest torques of the move as it is given, as of motors that had none."""
         largest = np.abs(self.default.trajectory["tau_m"]).max(axis=0)
         names = [motor.name for motor in self.solution.model.motors]
-        return {name: x for name, x, y in zip(names, self.limits.torque or (), largest, strict=True) if x == y}
+        return {
+            name: x
+            for name, x, y in zip(names, self.limits.torque or (), largest, strict=True)
+            if x == y
+        }
 
     def __repr__(self) -> str:
         return f"<FastestMove {self.solution.model.name}: {self.default_s:.4g} -> {self.duration_s:.4g} s>"
@@ -157,13 +163,19 @@ class FastestMove(Result):
             [
                 f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s instead of "
                 f"{self.default_s:.4f} s ({shorter:.0f} % less)",
-                *(f"  torque limits as of the largest torques of the move as given: {x} N m" for x in assumed),
+                *(
+                    f"  torque limits as of the largest torques of the move as given: {x} N m"
+                    for x in assumed
+                ),
                 f"  a rigid robot whose torques may jump needs {self.rigid_s:.4f} s",
                 f"  limits kept to {max(self.excess, 0):.1e}, {self.programs} programs, {self.inversions} inversions, "
                 f"{self.cpu_s:.2g} s of processor time",
                 *(f"  vibration after the path, {x}" for x in filter(None, [swings])),
                 f"  {str(self.solution).splitlines()[1].strip()}",
-                *(f"  torque left for the feedback of {AGAINST} of the robots: {margin} N m" for _ in self.margin[:1]),
+                *(
+                    f"  torque left for the feedback of {AGAINST} of the robots: {margin} N m"
+                    for _ in self.margin[:1]
+                ),
             ]
         )
 
@@ -256,19 +268,31 @@ def fastest(
     if torque_rate is not None:
         check_positive("torque_rate", torque_rate)
     if vibration is not None:
-        check_positive("vibration", vibration, "a size > 0 in m, or rad where the output has no lengths")
+        check_positive(
+            "vibration", vibration, "a size > 0 in m, or rad where the output has no lengths"
+        )
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
     if against not in (None, AGAINST):
         raise ArgumentError(f"against: given {against!r}, expected {AGAINST!r} or None")
     if against is not None and force is not None:
-        raise ArgumentError("against: given with a force, expected one of both: the feedback is predicted without it")
+        raise ArgumentError(
+            "against: given with a force, expected one of both: the feedback is predicted without it"
+        )
     robot = robot_of(model)
     if against is not None and robot.uncertainty is None:
-        raise ArgumentError(f"against: given {robot.title} without a table [uncertainty], expected one in its file")
+        raise ArgumentError(
+            f"against: given {robot.title} without a table [uncertainty], expected one in its file"
+        )
     if against is not None and (limits or Limits()).merge(robot).torque_speed is not None:
-        raise ArgumentError("against: given with torque-speed curves, expected none; Limits(reserve=) leaves torque")
-    check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
+        raise ArgumentError(
+            "against: given with torque-speed curves, expected none; Limits(reserve=) leaves torque"
+        )
+    check_not_negative(
+        "time_limit",
+        0.0 if time_limit is None else time_limit,
+        "a time >= 0 in s; None or 0: no limit",
+    )
     try:
         with running(time_limit or None):
             asked = _Asked(limits, torque_rate, vibration, coefficients, force)
@@ -328,8 +352,12 @@ def _find_fastest(
     tell("solving the move as it is given")
     path = Path(derive(robot), find_move(robot, move))
     several, shown = isinstance(path.move, Program), progress if callable(progress) else None
-    force = None if asked.force is None else make_place_force(asked.force, robot, len(path.segments))
-    default = _solve_as_given(robot, path, several, None if force is None else force_along(force, path), shown)
+    force = (
+        None if asked.force is None else make_place_force(asked.force, robot, len(path.segments))
+    )
+    default = _solve_as_given(
+        robot, path, several, None if force is None else force_along(force, path), shown
+    )
     check_range(path)
     kept = _limits_of(robot, asked.limits, asked.torque_rate, default)
     own = kept
@@ -338,9 +366,13 @@ def _find_fastest(
     search: TimeSearch | ProgramSearch
     if not several:
         (speeds,) = stated_speeds(path.move)
-        search = TimeSearch(path, default, own, asked.vibration, asked.coefficients, tell, speeds, force)
+        search = TimeSearch(
+            path, default, own, asked.vibration, asked.coefficients, tell, speeds, force
+        )
     elif asked.vibration is not None:
-        raise ArgumentError(f"vibration: given for the program {default.move.name}, expected a single move")
+        raise ArgumentError(
+            f"vibration: given for the program {default.move.name}, expected a single move"
+        )
     else:
         search = ProgramSearch(path, default, own, asked.coefficients, tell, force)
     began, cpu = perf_counter(), process_time()
@@ -367,7 +399,10 @@ def _find_fastest(
     else:
         raise SolverError(f"fastest: a limit stays exceeded by {over.max():.1e} of it; increase it")
     new, given = (search.vibrations(solution) for solution in (found, default))
-    rigid = [rigid_time(leg, *own.arrays(robot.n_m), of_motion(force, k)) for k, leg in enumerate(legs_of(path))]
+    rigid = [
+        rigid_time(leg, *own.arrays(robot.n_m), of_motion(force, k))
+        for k, leg in enumerate(legs_of(path))
+    ]
     pauses = path.duration - sum(segment.law.duration for segment in path.segments)
     return FastestMove(
         solution=found,
@@ -395,18 +430,28 @@ def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]
     Between its samples too; that of a torque at its speed relative to the torque that its curve allows there.
     """
     path, end = found.trajectory, float(found.move.duration)
-    time = np.interp(np.arange(DENSE * (len(path.time) - 1) + 1) / DENSE, np.arange(len(path.time)), path.time)
+    time = np.interp(
+        np.arange(DENSE * (len(path.time) - 1) + 1) / DENSE, np.arange(len(path.time)), path.time
+    )
     over = np.full(len(windows), -1.0)
     for row in limit_rows(found.model, limits, path.at(time).__getitem__, time, end=end):
         allowed = row.bounds > NO_TORQUE * row.bounds.max(axis=0)
-        parts = np.abs(np.where(allowed, row.values, row.parts) / np.where(allowed, row.bounds, 1.0)).max(axis=1)
+        parts = np.abs(
+            np.where(allowed, row.values, row.parts) / np.where(allowed, row.bounds, 1.0)
+        ).max(axis=1)
         for k, (low, high) in enumerate(windows):
-            inside = slice(None) if "effective" in row.quantity else slice(*np.searchsorted(time, (low, high)))
+            inside = (
+                slice(None)
+                if "effective" in row.quantity
+                else slice(*np.searchsorted(time, (low, high)))
+            )
             over[k] = max(over[k], float(parts[inside].max(initial=0.0)) - 1.0)
     return over
 
 
-def _solve_as_given(robot: RobotModel, path: Path, several: bool, force: Any, shown: Choice) -> Solution:
+def _solve_as_given(
+    robot: RobotModel, path: Path, several: bool, force: Any, shown: Choice
+) -> Solution:
     """The solution of the move as it is given; of a program verified only where its residual alone does not do."""
     if several:
         try:
@@ -416,7 +461,9 @@ def _solve_as_given(robot: RobotModel, path: Path, several: bool, force: Any, sh
     return solve(robot, path.move, force=force, progress=shown)
 
 
-def _limits_of(robot: RobotModel, given: Limits | None, torque_rate: float | None, default: Solution) -> Limits:
+def _limits_of(
+    robot: RobotModel, given: Limits | None, torque_rate: float | None, default: Solution
+) -> Limits:
     """Those given, else those of the model file; every motor has one of its torque.
 
     ``torque_rate``: a bound of the rates as a multiple of those of the ``default`` move.
@@ -427,14 +474,18 @@ def _limits_of(robot: RobotModel, given: Limits | None, torque_rate: float | Non
     kept = replace(kept, torque=tuple(map(float, np.where(np.isfinite(torque), torque, largest))))
     if torque_rate is not None:
         rate = np.minimum(
-            kept.bounds("torque_rate", robot.n_m), torque_rate * np.abs(np.gradient(tau, time, axis=0)).max(axis=0)
+            kept.bounds("torque_rate", robot.n_m),
+            torque_rate * np.abs(np.gradient(tau, time, axis=0)).max(axis=0),
         )
         kept = replace(kept, torque_rate=tuple(map(float, rate)))
     return kept
 
 
 def fastest_move(
-    model: str | FilePath | RobotModel | Equations, move: str | Move | None, limits: Limits | None, progress: Choice
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None,
+    limits: Limits | None,
+    progress: Choice,
 ) -> Move:
     """The move with its fastest time law; `flexgen.solve` calls it."""
     return fastest(model, move, limits=limits, progress=progress).move

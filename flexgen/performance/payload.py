@@ -49,30 +49,43 @@ from flexgen.spec.arguments import is_number
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 
-LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5  # of the torques; at most, times the lowest natural frequency with motors at rest
+# of the torques; at most, times the lowest natural frequency with motors at rest
+LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5
 OF_BAND, HALF = 5.0, 0.1  # the same of quick motions, times their band; at most, of the sample rate
-OF_MOTION, HIGHEST = 3.0, 0.4  # low pass of the motion: times that of the torques; at most, times the sample rate
+# low pass of the motion: times that of the torques; at most, times the sample rate
+OF_MOTION, HIGHEST = 3.0, 0.4
 STEPS, CLOSE = 20, 1e-9
-EVEN = 0.02  # of a step: largest difference of a time from that of equal steps, such as by the rounding of a clock
+# of a step: largest difference of a time from that of equal steps, such as by the rounding of a
+# clock
+EVEN = 0.02
 NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
-OF_DEVIATION = 0.1  # a last step that is smaller, over the deviations of the numbers, changes none that is known
-DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
+# a last step that is smaller, over the deviations of the numbers, changes none that is known
+OF_DEVIATION = 0.1
+# deflections change the torques by little, these change the deflections by less
+DEFLECTION_STEPS = 3
 ENDS, LEAST = 0.5, 0.05  # s at both ends of a record that the low pass spoils, and between them
-NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)  # of white noise through the low pass, both sides, over its frequency
+# of white noise through the low pass, both sides, over its frequency
+NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)
 FEWEST = 200  # samples
 FARTHEST = 3.0  # m, center of mass of the whole payload; the reach of a robot with a longer one
 RATES, SIDE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60, 3  # of central differences
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 FRICTION_SD = 0.3  # relative, of each motor
-UNIT = 0.01  # of the mass of the robot, 1 kg at most: where the search begins, and what it takes for exact
-CENTER_SD = 1.0  # m, or the reach: of the center of mass about that of the file, for directions that no motion shows
+# of the mass of the robot, 1 kg at most: where the search begins, and what it takes for exact
+UNIT = 0.01
+# m, or the reach: of the center of mass about that of the file, for directions that no motion shows
+CENTER_SD = 1.0
 LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
 UNKNOWN = 0.3  # m, or of the reach: a center of mass with a larger deviation is not known
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
-BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
-STICKS = 0.05  # of the friction at the largest speed, at that one: a motor with less has no friction at standstill
-FRESH = 1e-2  # of the load: after smaller steps, relative, what springs change of the torques is not computed anew
+# of a record, each left out once; fewer tell too little about five numbers
+BLOCK_S, FEWEST_BLOCKS = 0.5, 6
+# of the friction at the largest speed, at that one: a motor with less has no friction at standstill
+STICKS = 0.05
+# of the load: after smaller steps, relative, what springs change of the torques is not computed
+# anew
+FRESH = 1e-2
 SOFTER = 1e-2  # of a compliance, a step of differences
 LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 
@@ -113,11 +126,18 @@ class Load(Result):
     def __str__(self) -> str:
         """Mass, center of mass, and frictions."""
         viscous, other = (", ".join(f"{x:.2f}" for x in row) for row in self.friction)
-        friction = f"\nfriction of the motors over that of the model: viscous {viscous}; other {other}"
+        friction = (
+            f"\nfriction of the motors over that of the model: viscous {viscous}; other {other}"
+        )
         if not 2 * self.mass_sd < abs(self.mass):
-            return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined" + friction
+            return (
+                f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined"
+                + friction
+            )
         com = ", ".join(
-            f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm" if s < self.unknown_m else f"{axis} not determined"
+            f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm"
+            if s < self.unknown_m
+            else f"{axis} not determined"
             for axis, x, s in zip("xyz", self.com, self.com_sd, strict=True)
         )
         load = f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} in the frame of the last tip"
@@ -176,18 +196,26 @@ def identify_load(
 class _Estimate:
     """Filtered torques and motion, and the residuals of a load."""
 
-    def __init__(self, robot: RobotModel, record: Trajectory, low_pass_hz: float | None, rigid: bool) -> None:
+    def __init__(
+        self, robot: RobotModel, record: Trajectory, low_pass_hz: float | None, rigid: bool
+    ) -> None:
         time = record.time - record.time[0]
         h = float(time[-1]) / (len(time) - 1)
         if len(time) < FEWEST or np.abs(time - h * np.arange(len(time))).max() > EVEN * h:
-            raise ArgumentError(f"record: given {len(time)} samples, expected at least {FEWEST}, equidistant")
+            raise ArgumentError(
+                f"record: given {len(time)} samples, expected at least {FEWEST}, equidistant"
+            )
         for name in ("q_m", "tau_m"):
             if record[name].shape[1] != robot.n_m:
-                raise ArgumentError(f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}")
+                raise ArgumentError(
+                    f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}"
+                )
         if low_pass_hz is None:
             low_pass_hz = _default_low_pass(robot, record["q_m"], h, rigid)
         if not (is_number(low_pass_hz) and 0 < low_pass_hz < 0.2 / h):
-            raise ArgumentError(f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz")
+            raise ArgumentError(
+                f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz"
+            )
         quick = max(1.0, low_pass_hz / LOW_PASS_HZ)
         ends, self.block = ENDS / quick, BLOCK_S / quick
         if h * len(time) < 2 * ends + LEAST / quick:
@@ -204,12 +232,14 @@ class _Estimate:
         v_m = self._rate(self._smooth(q_m))
         a_m = self._rate(v_m)
         carrier = next(element for element in robot.elements if element.name == robot.tip)
-        turned = [f"{robot.tip}.inertia_{axes}" for axes in AXES if carrier.beam is None]  # else its axes are others
+        # else its axes are others
+        turned = [f"{robot.tip}.inertia_{axes}" for axes in AXES if carrier.beam is None]
         self.names = (*turned, "payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
         self.equations: Equations = derive(without_hysteresis(robot), self.names)
         self.of_file = np.array([p.value for p in self.equations.parameters])
         friction, faster = (  # of noise it would have a mean
-            evaluate(self.equations.function("motor_friction"), x)[0].reshape(q_m.shape) for x in (v_m, 1.01 * v_m)
+            evaluate(self.equations.function("motor_friction"), x)[0].reshape(q_m.shape)
+            for x in (v_m, 1.01 * v_m)
         )
         inertia = np.array([m.inertia for m in robot.motors])
         needed = self._smooth(record["tau_m"] - friction) - inertia * a_m
@@ -218,17 +248,22 @@ class _Estimate:
         largest = np.abs(self.tau_g[self.kept]).max(axis=0)
         self.scale = np.maximum(largest, 1e-3 * largest.max())
         self.late = self._low_pass(self._rate(self._smooth(record["tau_m"])) @ robot.eta)
-        parts = np.hstack([friction, (faster - friction) / 0.01])  # the second has viscous friction alone
-        self.friction = self._low_pass(self._smooth(parts)[:, :, None] * np.vstack([robot.eta, robot.eta]))
+        # the second has viscous friction alone
+        parts = np.hstack([friction, (faster - friction) / 0.01])
+        self.friction = self._low_pass(
+            self._smooth(parts)[:, :, None] * np.vstack([robot.eta, robot.eta])
+        )
         self.to_arm = np.linalg.inv(robot.eta).T
         self.q_m = self._smooth(q_m)
         self.nominal = derive(robot)
         self.length = reach(self.nominal)
         self.farthest = max(FARTHEST, self.length)
         self.unit = min(1.0, UNIT * sum(element.body.mass for element in robot.elements)) or 1.0
-        self.q_geared = np.zeros((len(q_m), robot.n_a))  # arm angles behind the gears; they do not depend on the load
+        # arm angles behind the gears; they do not depend on the load
+        self.q_geared = np.zeros((len(q_m), robot.n_a))
         self.q_geared[:, list(robot.i_g)] = self.q_m @ self.to_arm
-        self.deflection = np.zeros((len(q_m), robot.n_g))  # of the gears, with the springs of the model
+        # of the gears, with the springs of the model
+        self.deflection = np.zeros((len(q_m), robot.n_g))
         self.stiffness_sd = np.zeros(robot.n_a)
         if not rigid:
             self.deflection = gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
@@ -248,7 +283,15 @@ class _Estimate:
         )
         least = np.where(slow > STICKS * fast, MOVING * most, -1.0)
         rests = [
-            Rests(v, x, low_pass_hz * self.h, lambda y: self._low_pass(self._smooth(y)), 1, self.spoiled, self.spoiled)
+            Rests(
+                v,
+                x,
+                low_pass_hz * self.h,
+                lambda y: self._low_pass(self._smooth(y)),
+                1,
+                self.spoiled,
+                self.spoiled,
+            )
             for v, x in zip(v_m.T, least, strict=True)
         ]
         return rests, float(np.mean(np.abs(v_m[self.kept]) > least))
@@ -256,7 +299,9 @@ class _Estimate:
     def see(self, tau: np.ndarray) -> np.ndarray:
         """Gear torques (n, n_g) over their scale, without what friction at standstill can do, of the samples kept."""
         motors = tau[self.kept] @ self.to_arm.T
-        known = np.stack([rest.project(x) for rest, x in zip(self._rests, motors.T, strict=True)], axis=1)
+        known = np.stack(
+            [rest.project(x) for rest, x in zip(self._rests, motors.T, strict=True)], axis=1
+        )
         return np.asarray(known @ self.robot.eta / self.scale)
 
     def _smooth(self, x: np.ndarray) -> np.ndarray:
@@ -265,7 +310,9 @@ class _Estimate:
     def _low_pass(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(filtfilt(*self._filter, x, axis=0))
 
-    def motion(self, values: np.ndarray, softer: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def motion(
+        self, values: np.ndarray, softer: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Arm coordinates with deflections, velocities and accelerations (n, n_a), for a load.
 
         ``softer`` (n_a,): compliances over those of the model, less 1.
@@ -298,8 +345,12 @@ class _Estimate:
 
     def forces(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Forces that the arm needs (n, n_a)."""
-        body = np.concatenate([self.of_file[:-4] + self._inertia(values)[: len(self.of_file) - 4], values])
-        return evaluate(self.equations.function("inverse_dynamics"), q, v, a, body)[0].reshape(q.shape)
+        body = np.concatenate(
+            [self.of_file[:-4] + self._inertia(values)[: len(self.of_file) - 4], values]
+        )
+        return evaluate(self.equations.function("inverse_dynamics"), q, v, a, body)[0].reshape(
+            q.shape
+        )
 
     def _inertia(self, values: np.ndarray) -> np.ndarray:
         """What the inertia of the payload of the file and the load, a point mass, is more than that of the payload."""
@@ -317,36 +368,52 @@ class _Estimate:
         soft, first = np.flatnonzero(self.stiffness_sd), LOAD + self.friction.shape[1]
         count, unit, length = first + len(soft), self.unit, min(1.0, self.length) or 1.0
         x = np.concatenate([[own + unit], (own + unit) * center, np.zeros(count - 4)])
-        about = np.column_stack([-center, np.eye(3)])  # first moments about the center of mass of the file
-        tau, start, softer = self.see(self.tau_g), values_of(x, self.farthest), np.zeros(len(self.stiffness_sd))
+        # first moments about the center of mass of the file
+        about = np.column_stack([-center, np.eye(3)])
+        tau, start, softer = (
+            self.see(self.tau_g),
+            values_of(x, self.farthest),
+            np.zeros(len(self.stiffness_sd)),
+        )
         q, v, _ = self.motion(start, softer)
-        friction = evaluate(self.nominal.function("arm_forces"), q, v)[0].reshape(-1, self.robot.n_a)
+        friction = evaluate(self.nominal.function("arm_forces"), q, v)[0].reshape(
+            -1, self.robot.n_a
+        )
 
         def residual(x: np.ndarray) -> np.ndarray:
             load, softer[soft] = values_of(x, self.farthest), x[first:]
             tau = self._low_pass(self.forces(*self.motion(load, softer), load) - friction)
-            needed = self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:first])
+            needed = (
+                self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:first])
+            )
             return self.see(tau[:, list(self.robot.i_g)] - needed)
 
         prior, last, part, change = np.zeros((count, count)), np.zeros(count), 1.0, np.inf
-        prior[LOAD:, LOAD:] = np.diag(np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]] ** -2.0)
+        prior[LOAD:, LOAD:] = np.diag(
+            np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]] ** -2.0
+        )
         J = np.zeros((tau.size, count))
         J[:, 4] = -self.see(self.late).ravel()
         for k in range(LOAD, first):
             J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
         for _ in range(STEPS):
             r, arm = residual(x), 1e-4 * length * max(x[0], unit)
-            steps = np.r_[1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)]
+            steps = np.r_[
+                1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)
+            ]
             for k, size in zip((*range(4), *range(first, count)), steps, strict=False):
                 J[:, k] = (residual(x + size * (np.arange(count) == k)) - r).ravel() / size
             hidden = CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
             prior[:4, :4] = about.T @ about / hidden**2
             weight = prior * self._variance(r)
             if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
-                raise SolverError("load: the motion does not determine the mass; move the joints that carry the load")
+                raise SolverError(
+                    "load: the motion does not determine the mass; move the joints that carry the load"
+                )
             A = J.T @ J + weight
             step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
-            part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)  # steps that turn back are too long
+            # steps that turn back are too long
+            part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)
             before, x = x, x + part * step
             x[0], last = max(x[0], 1e-6 * unit), part * step
             moved = np.abs((x - before)[:4] / [1.0, length, length, length]).max()
@@ -356,7 +423,8 @@ class _Estimate:
         r = residual(x)
         weight = prior * self._variance(r)
         inverse = np.linalg.inv(J.T @ J + weight) * self._variance(r)
-        of_springs = inverse[:, first:] @ prior[first:, first:] @ inverse[first:]  # what their priors leave open
+        # what their priors leave open
+        of_springs = inverse[:, first:] @ prior[first:, first:] @ inverse[first:]
         covariances = [inverse, self._left_out(r, J, weight) + of_springs]
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], moved) < 2 * sd[0]  # steps between masses that noise hides
@@ -374,23 +442,38 @@ class _Estimate:
             )
         return self._result(x[:first], r, sd[0], covariances)
 
-    def _result(self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]) -> Load:
+    def _result(
+        self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]
+    ) -> Load:
         """The load of these numbers, without those of the springs, and residuals (n, n_g)."""
         own, center = self.of_file[-4], self.of_file[-3:]
         mass = x[0] - own
         com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * self.unit else np.full(3, np.nan)
         slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
-        com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
+        com_sd = np.sqrt(
+            np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0)
+        )
         left = np.sqrt((r**2).sum(axis=0) / self.moving) * self.scale
         friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
         total = values_of(x, self.farthest)
-        numbers = float(mass), float(mass_sd), com, com_sd, float(x[0]), total[1:], left, float(x[4])
+        numbers = (
+            float(mass),
+            float(mass_sd),
+            com,
+            com_sd,
+            float(x[0]),
+            total[1:],
+            left,
+            float(x[4]),
+        )
         return Load(*numbers, friction, UNKNOWN * (min(1.0, self.length) or 1.0))
 
     def _variance(self, r: np.ndarray) -> float:
         """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""
         tau = self.see(self.tau_g)
-        return float((r**2).sum() + LEAST_ERROR**2 * (tau**2).sum()) / max(self.effective * r.shape[1] - LOAD, 1.0)
+        return float((r**2).sum() + LEAST_ERROR**2 * (tau**2).sum()) / max(
+            self.effective * r.shape[1] - LOAD, 1.0
+        )
 
     def _left_out(self, r: np.ndarray, J: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Covariance of what leaving out a block of the record changes (jackknife); zero for few blocks."""
@@ -424,5 +507,7 @@ def _default_low_pass(robot: RobotModel, q_m: np.ndarray, h: float, rigid: bool)
     q_m = q_m[:1]
     q_a, still, quiet = (np.zeros((1, n)) for n in (robot.n_a, robot.n_a, robot.n_m))
     q_a[:, list(robot.i_g)] = q_m @ np.linalg.inv(robot.eta).T
-    lowest = 0.0 if rigid else lowest_locked_hz(robot, (q_a, still, still, q_m, quiet, quiet, quiet))
+    lowest = (
+        0.0 if rigid else lowest_locked_hz(robot, (q_a, still, still, q_m, quiet, quiet, quiet))
+    )
     return min(most, OF_LOWEST * lowest) if lowest else most

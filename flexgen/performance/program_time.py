@@ -95,12 +95,23 @@ class ProgramSearch:
         self._motions = len(path.segments)
         self.legs = [
             TimeSearch(
-                leg, default, self.single, None, coefficients, partial(self._tell_of, k), speeds, of_motion(force, k)
+                leg,
+                default,
+                self.single,
+                None,
+                coefficients,
+                partial(self._tell_of, k),
+                speeds,
+                of_motion(force, k),
             )
-            for k, (leg, speeds) in enumerate(zip(legs_of(path), stated_speeds(path.move), strict=True))
+            for k, (leg, speeds) in enumerate(
+                zip(legs_of(path), stated_speeds(path.move), strict=True)
+            )
         ]
         ends = [segment.start + segment.law.duration for segment in path.segments]
-        self.pauses = [later.start - end for later, end in zip(path.segments[1:], ends[:-1], strict=True)]
+        self.pauses = [
+            later.start - end for later, end in zip(path.segments[1:], ends[:-1], strict=True)
+        ]
         self.programs = 0
 
     def _tell_of(self, k: int, line: str) -> None:
@@ -129,7 +140,9 @@ class ProgramSearch:
             found, over = self._find_slower(x)
         except SolverError as error:
             reason = error
-        if self.connecting != Limits() and (found is None or self.duration(found) > AGAIN * self.duration(x)):
+        if self.connecting != Limits() and (
+            found is None or self.duration(found) > AGAIN * self.duration(x)
+        ):
             found = self._again(found)
         if found is None:
             raise reason or self._unable(over)
@@ -149,7 +162,9 @@ class ProgramSearch:
         """The program with these time laws."""
         program = self.path.move
         assert isinstance(program, Program)
-        return replace(program, laws=tuple(tuple(map(float, part)) for part in x), duration=self.duration(x))
+        return replace(
+            program, laws=tuple(tuple(map(float, part)) for part in x), duration=self.duration(x)
+        )
 
     def vibrations(self, solution: Solution) -> dict[str, float]:
         """Largest vibration after the program of robots with less and more stiffness."""
@@ -181,12 +196,18 @@ class ProgramSearch:
             slopes = self._slopes(state) if slopes is None else slopes
             step = self._program(state, *slopes, trust, weight * PENALTY)
             self.programs += 1
-            other = None if step is None else self._state([a + b for a, b in zip(state.x, step, strict=True)])
+            other = (
+                None
+                if step is None
+                else self._state([a + b for a, b in zip(state.x, step, strict=True)])
+            )
             gain = -np.inf if other is None else merit(state) - merit(other)
             if other is not None and gain > 0:
                 idle = idle + 1 if gain < NEARLY else 0
                 state, slopes, trust = other, None, min(trust * GROW, 0.5)
-                self.tell(f"{self.duration(state.x):.4f} s, limits exceeded by {max(state.excess(), 0):.1e}")
+                self.tell(
+                    f"{self.duration(state.x):.4f} s, limits exceeded by {max(state.excess(), 0):.1e}"
+                )
             else:
                 trust *= SHRINK
         return state.x
@@ -223,13 +244,19 @@ class ProgramSearch:
 
     def _effective(self, x: list[np.ndarray], found: list[Inversion]) -> np.ndarray:
         """Effective torques of the program over their limits, from the motions one after the other."""
-        starts = np.cumsum([0.0, *(part[0] + p for part, p in zip(x, [*self.pauses, 0.0], strict=True))])
+        starts = np.cumsum(
+            [0.0, *(part[0] + p for part, p in zip(x, [*self.pauses, 0.0], strict=True))]
+        )
         inside = [slice(one.n_pre, len(one.t) - one.n_post) for one in found]
-        t = np.concatenate([start + one.t[i] for start, one, i in zip(starts, found, inside, strict=False)])
+        t = np.concatenate(
+            [start + one.t[i] for start, one, i in zip(starts, found, inside, strict=False)]
+        )
         grid = np.linspace(0.0, self.duration(x), GRID)
 
         def channel(name: str) -> np.ndarray:
-            values = np.concatenate([getattr(one, name)[i] for one, i in zip(found, inside, strict=True)])
+            values = np.concatenate(
+                [getattr(one, name)[i] for one, i in zip(found, inside, strict=True)]
+            )
             return np.stack([np.interp(grid, t, column) for column in values.T], axis=1)
 
         rows = limit_rows(self.model, self.connecting, channel, grid)
@@ -272,10 +299,14 @@ class ProgramSearch:
             shared.append(np.hstack([scaled, np.zeros((len(C), len(cost) - len(x)))]))
         excess = csr_matrix(-np.ones((len(state.c), 1)))
         none = csr_matrix((sum(map(len, rights)), 1))
-        A = vstack([hstack([block_diag(blocks), none]), hstack([csr_matrix(np.hstack(shared)), excess])])
+        A = vstack(
+            [hstack([block_diag(blocks), none]), hstack([csr_matrix(np.hstack(shared)), excess])]
+        )
         right = np.concatenate([*rights, 1.0 - state.c])
         cost = np.concatenate([*costs, [penalty]])
-        found = linprog(cost, A_ub=A.tocsr(), b_ub=right, bounds=[*bounds, (0, None)], method="highs")
+        found = linprog(
+            cost, A_ub=A.tocsr(), b_ub=right, bounds=[*bounds, (0, None)], method="highs"
+        )
         if found.x is None:
             return None
         steps, at = [], 0
@@ -300,7 +331,10 @@ class ProgramSearch:
     def _excesses(self, x: list[np.ndarray]) -> list[float]:
         """Largest excess of an effective torque, and of the other limits of each motion, along the whole program."""
         timed = self.retime(x)
-        finest = min(float(part[0]) / leg.samples for part, leg in zip(x, self.legs, strict=True)) / FINER
+        finest = (
+            min(float(part[0]) / leg.samples for part, leg in zip(x, self.legs, strict=True))
+            / FINER
+        )
         count = int(np.ceil(timed.duration / finest))
         mesh = min(leg.mesh(float(part[0])) for part, leg in zip(x, self.legs, strict=True)) / FINER
         found, tool = self.legs[0].invert(timed, timed.duration / count, mesh, self.force)
@@ -317,9 +351,13 @@ class ProgramSearch:
 
     def windows(self, x: list[np.ndarray]) -> list[tuple[float, float]]:
         """Begin and end of each motion with its surroundings, up to a little beyond the middle of the pauses [s]."""
-        ends = np.cumsum([part[0] + pause for part, pause in zip(x, [*self.pauses, 0.0], strict=True)])
+        ends = np.cumsum(
+            [part[0] + pause for part, pause in zip(x, [*self.pauses, 0.0], strict=True)]
+        )
         between = ends[:-1] - np.array(self.pauses) / 2
-        return list(zip([-np.inf, *(between - REACH_S)], [*(between + REACH_S), np.inf], strict=True))
+        return list(
+            zip([-np.inf, *(between - REACH_S)], [*(between + REACH_S), np.inf], strict=True)
+        )
 
     def slower(self, x: list[np.ndarray], excess: np.ndarray) -> list[np.ndarray]:
         """Time laws slowed down by a part of the excess of the limits of each motion, where it is positive."""
@@ -333,12 +371,16 @@ class ProgramSearch:
             raise self._unable(over)
         return found
 
-    def _find_slower(self, x: list[np.ndarray]) -> tuple[list[np.ndarray] | None, list[tuple[float, float]]]:
+    def _find_slower(
+        self, x: list[np.ndarray]
+    ) -> tuple[list[np.ndarray] | None, list[tuple[float, float]]]:
         def excess(x: list[np.ndarray]) -> np.ndarray:
             whole, *each = self._excesses(x)
             worst = max(whole, *each)
             if worst > WITHIN:
-                self.tell(f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}")
+                self.tell(
+                    f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}"
+                )
             return np.maximum(whole, each) - WITHIN
 
         found, over = slow_down(x, excess, self.slower, 0.0)
@@ -365,7 +407,11 @@ def legs_of(path: Path) -> list[Path]:
     for segment in path.segments:
         leg = copy.copy(path)
         first = replace(segment, start=0.0)
-        leg.segments, leg.duration, leg.q_start = (first,), first.law.duration, path.reference.expand(q_g)
+        leg.segments, leg.duration, leg.q_start = (
+            (first,),
+            first.law.duration,
+            path.reference.expand(q_g),
+        )
         out.append(leg)
         q_g = configuration_at_end(path.reference, first, q_g)
     return out

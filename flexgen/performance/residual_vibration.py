@@ -26,7 +26,8 @@ from flexgen.paths.process_force import ProcessForce
 from flexgen.simulation.hysteretic_rate import generalized_force
 from flexgen.trajectory import Trajectory
 
-SAMPLE_S, SAMPLES = 1e-3, 50.0  # of the drives, at most; in a period of the lowest frequency with locked motors
+# of the drives, at most; in a period of the lowest frequency with locked motors
+SAMPLE_S, SAMPLES = 1e-3, 50.0
 BEFORE_S, WINDOW_S = 0.05, 0.4  # at rest before the motion; after the path,
 PERIODS = (1.0, 8.0)  # but as many of these periods, at least and at most
 INSTANTS = 200  # of that time
@@ -50,12 +51,16 @@ class ResidualVibration:
         A force acts on the tool.
     """
 
-    def __init__(self, equations: Equations, tell: Callable[[str], None], pushed: bool = False) -> None:
+    def __init__(
+        self, equations: Equations, tell: Callable[[str], None], pushed: bool = False
+    ) -> None:
         self.equations, self.model = equations, equations.model
         self.plants, laws = split_plants(self.model, plants_of(self.model, PLANTS))
         elastic, names = without_states(self.model), tuple(p.name for p in self.plants.parameters)
         functions = ("forward_dynamics", TOOL_FORCE) if pushed else ("forward_dynamics",)
-        self._library = library_with(elastic, functions, parameters=names, per_point=True, progress=tell)
+        self._library = library_with(
+            elastic, functions, parameters=names, per_point=True, progress=tell
+        )
         self._local, self._laws, self._robots = LocalDynamics(derive(elastic, names)), laws, None
         if laws:
             moved = self._local.equations.pushed if pushed else self._local.equations
@@ -65,7 +70,9 @@ class ResidualVibration:
         self._rate = 0.0
         self._sample, self._window = SAMPLE_S, WINDOW_S
 
-    def __call__(self, trajectory: Trajectory, path_end: float, force: ProcessForce | None = None) -> np.ndarray:
+    def __call__(
+        self, trajectory: Trajectory, path_end: float, force: ProcessForce | None = None
+    ) -> np.ndarray:
         """Errors (robots, instants, rows) [m, or rad] from the end of the path on, as many for every motion."""
         if self._law is None:
             self._law = self._choose_law(trajectory)
@@ -79,7 +86,10 @@ class ResidualVibration:
         if self._laws:
             points = tuple(m[name][:1] for name in POINT)
             pairs = zip(self.plants.values, self._laws, strict=True)
-            rate = max(rate, *(1.2 * largest_rate(self._local, points, m, values, law) for values, law in pairs))
+            rate = max(
+                rate,
+                *(1.2 * largest_rate(self._local, points, m, values, law) for values, law in pairs),
+            )
         rests = self._local.under(force, time[0]).rests(m, self.plants.values)
         q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
         loop = ClosedLoop(
@@ -101,7 +111,8 @@ class ResidualVibration:
             ended, _ = last_rest.rest(m["q_m"][-1], values, m["q_a"][-1], more)
             at_rest, moving = self._output(ended[None]), self._output(arm)
             error = moving - at_rest
-            out.append(CubicSpline(time, error[:, self._rows])(instants))  # smooth in the duration, for slopes
+            # smooth in the duration, for slopes
+            out.append(CubicSpline(time, error[:, self._rows])(instants))
         return np.array(out)
 
     def _choose_law(self, trajectory: Trajectory) -> Cascade:
@@ -114,7 +125,9 @@ class ResidualVibration:
         if lowest > 0:
             self._sample = min(SAMPLE_S, 1 / (SAMPLES * lowest))
             self._window = min(max(WINDOW_S, PERIODS[0] / lowest), PERIODS[1] / lowest)
-        self._rate = 1.2 * max(self._local.largest_rate(motion, values) for values in self.plants.values)
+        self._rate = 1.2 * max(
+            self._local.largest_rate(motion, values) for values in self.plants.values
+        )
         return PPI().cascade(model, self._sample, motion)
 
     def _pushing(self, force: ProcessForce, time: np.ndarray, steps: int) -> np.ndarray:
@@ -129,8 +142,12 @@ class ResidualVibration:
         if not self._laws:
             return 0.0
         layers, n_g = self._laws[lane].gears, self.model.n_g
-        z = np.sum([layer.slip * share[k * n_g : (k + 1) * n_g] for k, layer in enumerate(layers)], axis=0)
-        return np.array(ca.DM(generalized_force(self.model, ca.SX(ca.DM(z)), ca.SX(ca.DM(q_m))))).ravel()
+        z = np.sum(
+            [layer.slip * share[k * n_g : (k + 1) * n_g] for k, layer in enumerate(layers)], axis=0
+        )
+        return np.array(
+            ca.DM(generalized_force(self.model, ca.SX(ca.DM(z)), ca.SX(ca.DM(q_m))))
+        ).ravel()
 
     def _output(self, q_a: np.ndarray) -> np.ndarray:
         return evaluate(self.equations.function("output"), q_a)[0].reshape(len(q_a), -1)

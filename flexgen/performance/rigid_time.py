@@ -27,7 +27,9 @@ from flexgen.paths.time_laws import Clock
 INTERVALS = 400
 
 
-def rigid_time(path: Path, torque: np.ndarray, speed: np.ndarray, force: ProcessForce | None = None) -> float:
+def rigid_time(
+    path: Path, torque: np.ndarray, speed: np.ndarray, force: ProcessForce | None = None
+) -> float:
     """The shortest time [s] within torques and speeds of the motors (n_m,); NaN where one cannot hold the robot.
 
     ``force``: on the tool over the place on the path.
@@ -61,7 +63,9 @@ def rigid_time(path: Path, torque: np.ndarray, speed: np.ndarray, force: Process
     a, b, g = (x @ to_motor for x in (a, b, g))
     a, b = a + dq @ model.eta.T * inertia, b + ddq @ model.eta.T * inertia
     with np.errstate(divide="ignore"):
-        top = np.min(np.where(np.isfinite(speed), (speed / np.abs(dq @ model.eta.T)) ** 2, np.inf), axis=1)
+        top = np.min(
+            np.where(np.isfinite(speed), (speed / np.abs(dq @ model.eta.T)) ** 2, np.inf), axis=1
+        )
     return _time(s, a, b, g, torque, top)
 
 
@@ -70,13 +74,17 @@ def joint_motion(path: Path, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
     sample = path.sample(s)
     if sample.q_g is not None:
         return sample.q_g[:, :, 0], sample.q_g[:, :, 1], sample.q_g[:, :, 2]
-    q = InverseKinematics(path.equations).follow(sample, path.q_start[list(path.equations.model.i_g)])
+    q = InverseKinematics(path.equations).follow(
+        sample, path.q_start[list(path.equations.model.i_g)]
+    )
     equations, model, i_g = path.equations, path.equations.model, list(path.equations.model.i_g)
     constraint = equations.function("output_constraint")
     full = np.zeros((len(s), model.n_a))
     full[:, i_g] = q
     target = np.zeros((len(s), constraint.size_in(2)[0]))
-    W = evaluate(constraint, full, np.zeros_like(full), target)[1].reshape(len(s), -1, model.n_a)[:, :, i_g]
+    W = evaluate(constraint, full, np.zeros_like(full), target)[1].reshape(len(s), -1, model.n_a)[
+        :, :, i_g
+    ]
     dq = np.linalg.solve(W, sample.derivative(1)[:, :, None])[:, :, 0]
     moving = np.zeros_like(full)
     moving[:, i_g] = dq
@@ -84,7 +92,9 @@ def joint_motion(path: Path, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
     return q, dq, np.linalg.solve(W, (sample.derivative(2) - bias)[:, :, None])[:, :, 0]
 
 
-def _time(s: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, top: np.ndarray) -> float:
+def _time(
+    s: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, top: np.ndarray
+) -> float:
     """The shortest time from rest to rest on the grid s."""
     h, n = np.diff(s), len(s)
     ceiling = np.empty(n)
@@ -100,12 +110,20 @@ def _time(s: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np
     speeds = np.sqrt(np.maximum(x, 0.0))
     total = speeds[:-1] + speeds[1:]
     if np.any(total <= 0):
-        raise SolverError("fastest: the rigid robot cannot leave a point of the path within the limits")
+        raise SolverError(
+            "fastest: the rigid robot cannot leave a point of the path within the limits"
+        )
     return float((2 * h / total).sum())
 
 
 def _extreme(
-    a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, top: float, h: float, after: float
+    a: np.ndarray,
+    b: np.ndarray,
+    g: np.ndarray,
+    torque: np.ndarray,
+    top: float,
+    h: float,
+    after: float,
 ) -> float | None:
     """Largest x >= 0 with some u: |a u + b x + g| <= torque, 0 <= x + 2 h u <= after; None where there is none."""
     # Rows p u + q x <= r; the largest x is at a corner of two of them, or bounded by `top`.
@@ -131,8 +149,12 @@ def _extreme(
     return best
 
 
-def _accelerate(a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, x: float, h: float) -> float:
+def _accelerate(
+    a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, x: float, h: float
+) -> float:
     """Largest squared speed at the next point from the squared speed x."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        high = np.where(a > 0, (torque - g - b * x) / a, np.where(a < 0, (-torque - g - b * x) / a, np.inf))
+        high = np.where(
+            a > 0, (torque - g - b * x) / a, np.where(a < 0, (-torque - g - b * x) / a, np.inf)
+        )
     return max(x + 2 * h * float(high.min()), 0.0)

@@ -10,8 +10,10 @@ from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 
 KEPT = 4e-4  # relative excess of a limit that is kept
-MEANS = ("torque_rms", "thermal_time", "gear_torque_rms")  # limits of a whole motion, not of each instant
-PLAIN, GROWTH, ROUNDS = 20, 1.5, 200  # steps before they grow, factor of each later one, steps at most
+# limits of a whole motion, not of each instant
+MEANS = ("torque_rms", "thermal_time", "gear_torque_rms")
+# steps before they grow, factor of each later one, steps at most
+PLAIN, GROWTH, ROUNDS = 20, 1.5, 200
 CLOSER = 1e-4  # of the duration: steps of the bisection, at last
 SLOWEST = 30.0  # times the duration, at most
 LEAST = 3e-4  # excess that gives the smallest step

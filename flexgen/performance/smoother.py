@@ -59,12 +59,18 @@ class PathSmoother:
         for k in range(len(motion[0])):
             check_time("gains of the smoother")
             found.append(self._gains(poses.at([x[k : k + 1] for x in motion])))
-        self._F, self._G, self._C, self._D, self._M, self._J = (np.array(x) for x in zip(*found, strict=True))
+        self._F, self._G, self._C, self._D, self._M, self._J = (
+            np.array(x) for x in zip(*found, strict=True)
+        )
 
     def _forces(self, reference: MotionReference) -> np.ndarray:
         """Expected errors of the model (n_a,): a share of the change of the arm's forces along the motion."""
         m = reference.motion
-        tau = np.asarray(library_with(self.model, ["inverse_dynamics"]).inverse_dynamics(m["q_a"], m["v_a"], m["a_a"]))
+        tau = np.asarray(
+            library_with(self.model, ["inverse_dynamics"]).inverse_dynamics(
+                m["q_a"], m["v_a"], m["a_a"]
+            )
+        )
         change = np.abs(tau - tau[0]).max(axis=0)
         change = np.maximum(change, LEAST_FORCE * max(float(change.max()), 1e-3))
         model = self.model
@@ -81,7 +87,11 @@ class PathSmoother:
         largest = self._torque.largest
         n_z = n_x + n_m + n_a
         F, Q = np.eye(n_z), np.zeros((n_z, n_z))
-        F[:n_x, :n_x], F[:n_x, n_x : n_x + n_m], F[:n_x, n_x + n_m :] = expm(at.A * h), G * largest, E
+        F[:n_x, :n_x], F[:n_x, n_x : n_x + n_m], F[:n_x, n_x + n_m :] = (
+            expm(at.A * h),
+            G * largest,
+            E,
+        )
         fade = np.exp(-h / MODEL_TIME)
         F[n_x + n_m :, n_x + n_m :] *= fade
         noisy = G * (self._torque.torque * largest)

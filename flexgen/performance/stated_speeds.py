@@ -37,13 +37,17 @@ class StatedSpeeds:
     most: np.ndarray
 
     @classmethod
-    def of(cls, segment: TimedSegment, speeds: tuple[float | None, ...], radius: float) -> StatedSpeeds:
+    def of(
+        cls, segment: TimedSegment, speeds: tuple[float | None, ...], radius: float
+    ) -> StatedSpeeds:
         """Of a curve whose parts have these speeds; in a corner the lower one of both holds."""
         points, most = [np.zeros(0)], [np.zeros(0)]
         curve = segment.curve
         if isinstance(curve, BlendedCurve) and any(speed is not None for speed in speeds):
             each = [np.inf if speed is None else speed for speed in speeds]
-            starts = np.concatenate([[0.0], np.cumsum([section.length for section in curve.sections])])
+            starts = np.concatenate(
+                [[0.0], np.cumsum([section.length for section in curve.sections])]
+            )
             for k, section in enumerate(curve.sections):
                 cap = min(each[section.segment : section.segment + 1 + section.corner])
                 if np.isfinite(cap):
@@ -63,5 +67,9 @@ class StatedSpeeds:
         at = np.interp(self.s, law(t, 1)[:, 0], t)
         for _ in range(NEWTON):
             s, rate = law(at, 1).T
-            at = np.clip(at - np.where(rate > 0, (s - self.s) / np.where(rate > 0, rate, 1.0), 0.0), 0.0, law.duration)
+            at = np.clip(
+                at - np.where(rate > 0, (s - self.s) / np.where(rate > 0, rate, 1.0), 0.0),
+                0.0,
+                law.duration,
+            )
         return np.asarray(law(at, 1)[:, 1] / self.most)

@@ -33,7 +33,8 @@ from flexgen.performance.slowing import KEPT, MEANS, in_words, slow_down
 from flexgen.performance.stated_speeds import StatedSpeeds
 from flexgen.runtime.path_inversion import Inversion
 
-SAMPLES, PER_INTERVAL = 300, 2.0  # on the path; in an interval that resolves a force, along the path as it is given
+# on the path; in an interval that resolves a force, along the path as it is given
+SAMPLES, PER_INTERVAL = 300, 2.0
 MESH_S, FEWEST = 5e-3, 40  # longest interval of the inversion; intervals on the path, at least
 AFTER_S = 0.3  # of the motion after the path that counts
 SLOWER = 1.02  # of the first law against the given one
@@ -42,17 +43,22 @@ TRUST, GROW, SHRINK, SMALLEST = 0.08, 1.5, 1 / 3, 5e-4
 LAZY = 1e-3  # weight of changes of the coefficients
 CLOSE = 0.6  # of a limit: samples below it cannot become active within a step
 STEP = 1e-5  # of differences
-ROUNDING = 1e-6  # of the samples in an interval: the same for all durations, also where they are a whole and a half
+# of the samples in an interval: the same for all durations, also where they are a whole and a half
+ROUNDING = 1e-6
 FINER = 3  # samples and mesh of the last check
 MOST = 60  # programs
 HEAVY = (
-    200.0  # times the penalties of the search from the law as given: of a small excess that only much time takes away
+    # times the penalties of the search from the law as given: of a small excess that only much time
+    # takes away
+    200.0
 )
 AGAIN = 1.1  # times the duration that was found, above which the search begins again there
 HALVINGS = 8  # of the duration of a first law
 NEARLY = 2e-4  # gain of a step below which it hardly helps
-CALM, CALMER, CALM_STEP = 30.0, 12, 1e-4  # penalty of limits, programs and differences where vibration is reduced
-LONGER = (1.01, 1.02, 1.03, 1.045, 1.06, 1.08, 1.1, 1.13, 1.17, 1.22, 1.3, 1.4, 1.6, 2.0)  # times the shortest duration
+# penalty of limits, programs and differences where vibration is reduced
+CALM, CALMER, CALM_STEP = 30.0, 12, 1e-4
+# times the shortest duration
+LONGER = (1.01, 1.02, 1.03, 1.045, 1.06, 1.08, 1.1, 1.13, 1.17, 1.22, 1.3, 1.4, 1.6, 2.0)
 
 
 class TimeSearch:
@@ -80,7 +86,10 @@ class TimeSearch:
         self.library = inversion_library(equations, "lq", solvers, memory=True, progress=tell)
         self.force = force
         resolving = np.inf if force is None else in_time(force, path).resolving / path.duration
-        self.samples, self._resolving = max(SAMPLES, int(np.ceil(PER_INTERVAL / resolving))), resolving
+        self.samples, self._resolving = (
+            max(SAMPLES, int(np.ceil(PER_INTERVAL / resolving))),
+            resolving,
+        )
         self._reduction = Reduction(equations)
         problem = InversionProblem(equations, path)
         if has_harmonics(model):
@@ -89,18 +98,30 @@ class TimeSearch:
         self._before, self._after = before, min(after, AFTER_S)
         self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
         if vibration is not None and not has_springs(model):
-            raise ArgumentError(f"vibration: given for {model.title}, which has no springs, expected none")
+            raise ArgumentError(
+                f"vibration: given for {model.title}, which has no springs, expected none"
+            )
         self.swings = vibration
         self.programs = self.inversions = 0
         self.refused = ""  # why the last time law that was tried has no inversion
 
     def law(self, x: np.ndarray) -> SplineLaw:
         """The time law."""
-        return SplineLaw(float(x[0]), tuple(map(float, x[1:])), self.path.segments[0].law(np.array([1e9]), 0)[0, 0])
+        return SplineLaw(
+            float(x[0]),
+            tuple(map(float, x[1:])),
+            self.path.segments[0].law(np.array([1e9]), 0)[0, 0],
+        )
 
     def move(self, x: np.ndarray) -> Move:
         """The move with this time law."""
-        return replace(self.path.move, duration=float(x[0]), timing=tuple(map(float, x[1:])), profile=(), smoothness=5)
+        return replace(
+            self.path.move,
+            duration=float(x[0]),
+            timing=tuple(map(float, x[1:])),
+            profile=(),
+            smoothness=5,
+        )
 
     def start(self) -> np.ndarray:
         """The polynomial law of smoothness 5, a little slower than given."""
@@ -110,7 +131,9 @@ class TimeSearch:
         ends = SplineLaw.DEGREE - 1
         target = TimeLaw(1.0, 5)(u, 0)[:, 0] - basis[:, -ends:].sum(axis=1)
         inner = np.linalg.lstsq(basis[:, ends:-ends], target, rcond=None)[0]
-        return np.concatenate([[SLOWER * self.path.duration], np.maximum.accumulate(np.clip(inner, 0.0, 1.0))])
+        return np.concatenate(
+            [[SLOWER * self.path.duration], np.maximum.accumulate(np.clip(inner, 0.0, 1.0))]
+        )
 
     def constraints(self, x: np.ndarray, finer: int = 1) -> np.ndarray:
         """All quantities over their limits (k,): torques, speeds, deflections, rates of torques.
@@ -119,7 +142,10 @@ class TimeSearch:
         """
         timed = self.retime(x)
         found, tool = self.invert(
-            timed, timed.duration / (finer * self.samples), self.mesh(timed.duration) / finer, self.force
+            timed,
+            timed.duration / (finer * self.samples),
+            self.mesh(timed.duration) / finer,
+            self.force,
         )
         every = np.arange(len(found.tau_m))  # the last check looks at all samples
         at = every if finer > 1 else self._instants(len(found.tau_m), found.n_pre)
@@ -127,7 +153,11 @@ class TimeSearch:
         channel = partial(getattr, found)
         for row in limit_rows(self.model, self.limits, channel, found.t, tool, timed.duration):
             finite = np.isfinite(row.bounds).all(axis=0)
-            values.append((row.parts if len(row.parts) == 1 else row.parts[at[at < len(row.parts)]])[:, finite].ravel())
+            values.append(
+                (row.parts if len(row.parts) == 1 else row.parts[at[at < len(row.parts)]])[
+                    :, finite
+                ].ravel()
+            )
         self.found = found
         return np.concatenate(values)
 
@@ -174,7 +204,9 @@ class TimeSearch:
     def swing(self, x: np.ndarray) -> np.ndarray:
         """Vibration after the path of the last inversion over the allowed one (k,)."""
         force = None if self.force is None else in_time(self.force, self.retime(x))
-        values = self._vibration(trajectory_of(self.found, 0.0, self.model.name), float(x[0]), force)
+        values = self._vibration(
+            trajectory_of(self.found, 0.0, self.model.name), float(x[0]), force
+        )
         return np.nan_to_num(np.linalg.norm(values, axis=2).ravel() / (self.swings or 1.0), nan=1e3)
 
     def retime(self, x: np.ndarray) -> Path:
@@ -211,7 +243,9 @@ class TimeSearch:
         for _ in range(HALVINGS):
             factor = (low + high) / 2
             g = self.try_constraints(np.concatenate([[factor * x[0]], x[1:]]))
-            low, high = (low, factor) if g is not None and np.abs(g).max() <= 1.0 else (factor, high)
+            low, high = (
+                (low, factor) if g is not None and np.abs(g).max() <= 1.0 else (factor, high)
+            )
         return np.concatenate([[high * x[0]], x[1:]])
 
     def run(self, first: np.ndarray | None = None) -> tuple[np.ndarray, list[float]]:
@@ -219,8 +253,12 @@ class TimeSearch:
         x = self.start() if first is None else first
         g = self.try_constraints(x)
         if g is None:
-            advice = 'take another move, or, for a joint move, a model with an output of type "joint"'
-            raise SolverError(f"fastest: the first time law cannot be inverted ({self.refused}); {advice}")
+            advice = (
+                'take another move, or, for a joint move, a model with an output of type "joint"'
+            )
+            raise SolverError(
+                f"fastest: the first time law cannot be inverted ({self.refused}); {advice}"
+            )
         history = [float(x[0])]
         x = self._improve(x, g, history)
         found, over = self._find_slower(x)
@@ -230,12 +268,17 @@ class TimeSearch:
             if given is not None and g is not None:
                 self.tell(f"again from {given[0]:.4f} s")
                 better = self._find_slower(self._improve(given, g, history, HEAVY))[0]
-                found = min((one for one in (found, given, better) if one is not None), key=lambda one: float(one[0]))
+                found = min(
+                    (one for one in (found, given, better) if one is not None),
+                    key=lambda one: float(one[0]),
+                )
         if found is None:
             raise self._unable(over)
         return found, history
 
-    def _improve(self, x: np.ndarray, g: np.ndarray, history: list[float], weight: float = 1.0) -> np.ndarray:
+    def _improve(
+        self, x: np.ndarray, g: np.ndarray, history: list[float], weight: float = 1.0
+    ) -> np.ndarray:
         """The time law after linear programs, from one with its constraints; ``weight``: times the penalties."""
         trust, idle, scale, last = TRUST, 0, float(x[0]), self.programs + MOST
 
@@ -280,7 +323,9 @@ class TimeSearch:
 
     def _unable(self, over: list[tuple[float, float]]) -> SolverError:
         means = any(getattr(self.limits, name) for name in MEANS)
-        return SolverError(f"fastest: the limits cannot be kept on this path {in_words(over, means)}")
+        return SolverError(
+            f"fastest: the limits cannot be kept on this path {in_words(over, means)}"
+        )
 
     def slower(self, x: np.ndarray, excess: float | np.ndarray) -> np.ndarray:
         """The time law slowed down by a part of an excess of the limits."""
@@ -320,7 +365,9 @@ class TimeSearch:
             columns = []
             for k in range(1, len(x)):
                 moved = x + CALM_STEP * (np.arange(len(x)) == k)
-                columns.append(np.concatenate([self.constraints(moved) - g, self.swing(moved) - s]) / CALM_STEP)
+                columns.append(
+                    np.concatenate([self.constraints(moved) - g, self.swing(moved) - s]) / CALM_STEP
+                )
             G = np.stack(columns, axis=1)
             better = False
             while trust > SMALLEST and not better:
@@ -340,7 +387,9 @@ class TimeSearch:
         kept = np.abs(g).max() <= 1.0 + KEPT
         return x, float(np.abs(s).max()) if kept else float("inf")
 
-    def _calm_program(self, x: np.ndarray, g: np.ndarray, s: np.ndarray, G: np.ndarray, trust: float) -> np.ndarray:
+    def _calm_program(
+        self, x: np.ndarray, g: np.ndarray, s: np.ndarray, G: np.ndarray, trust: float
+    ) -> np.ndarray:
         """The step dc of one linear program: unknown dc, the vibration v and the excess sigma of limits."""
         n, near = len(x) - 1, np.abs(g) > CLOSE
         A, B = G[: len(g)][near], G[len(g) :]
@@ -357,7 +406,9 @@ class TimeSearch:
         right.append(np.diff(np.concatenate([[0.0], x[1:], [1.0]])))
         cost = np.concatenate([np.zeros(n), [1.0, CALM]])
         bounds = [(-trust, trust)] * n + [(0, None)] * 2
-        found = linprog(cost, A_ub=np.vstack(rows), b_ub=np.concatenate(right), bounds=bounds, method="highs")
+        found = linprog(
+            cost, A_ub=np.vstack(rows), b_ub=np.concatenate(right), bounds=bounds, method="highs"
+        )
         return np.zeros(n) if found.x is None else np.asarray(found.x[:n])
 
     def try_constraints(self, x: np.ndarray) -> np.ndarray | None:
@@ -372,7 +423,10 @@ class TimeSearch:
 
     def _slopes(self, x: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Derivatives of the constraints (k, 1 + n) by differences."""
-        columns = [np.zeros_like(g) if moved is None else (moved - g) / step for _, step, moved in self.differences(x)]
+        columns = [
+            np.zeros_like(g) if moved is None else (moved - g) / step
+            for _, step, moved in self.differences(x)
+        ]
         return np.stack(columns, axis=1)
 
     def differences(self, x: np.ndarray) -> Iterator[tuple[np.ndarray, float, np.ndarray | None]]:
@@ -390,7 +444,13 @@ class TimeSearch:
             yield other, step, moved
 
     def _program(
-        self, x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float, penalty: float = PENALTY
+        self,
+        x: np.ndarray,
+        g: np.ndarray,
+        G: np.ndarray,
+        trust: float,
+        scale: float,
+        penalty: float = PENALTY,
     ) -> np.ndarray | None:
         """The step of one linear program."""
         cost, rows, right, bounds = linear_program(x, g, G, trust, scale, penalty)
@@ -403,7 +463,12 @@ class TimeSearch:
 
 
 def linear_program(
-    x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float, penalty: float = PENALTY
+    x: np.ndarray,
+    g: np.ndarray,
+    G: np.ndarray,
+    trust: float,
+    scale: float,
+    penalty: float = PENALTY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[float, float | None]]]:
     """Cost, rows, their right sides and bounds of the program of a step: unknown dT/T, dc, sigma, |dc|."""
     n, A = len(x), G * np.concatenate([[scale], np.ones(len(x) - 1)])

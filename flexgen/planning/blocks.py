@@ -18,7 +18,8 @@ from flexgen.library.casadi_module import in_c
 from flexgen.numerics.nlp import NonlinearProgram
 
 SMALLEST = 1e-300
-SMALL = 1e-12  # of the gradient of the cost where the search starts: below it the cost is not scaled
+# of the gradient of the cost where the search starts: below it the cost is not scaled
+SMALL = 1e-12
 
 
 @dataclass
@@ -94,11 +95,14 @@ class _Local:
             "curves": ([z, p, lam, sigma], [curves]),
         }
         self.plain = {
-            name: ca.Function(f"plan{index}_{name}", inputs, [ca.densify(x) for x in out], {"cse": True})
+            name: ca.Function(
+                f"plan{index}_{name}", inputs, [ca.densify(x) for x in out], {"cse": True}
+            )
             for name, (inputs, out) in outputs.items()
         }
         self.functions = {
-            name: _compile_large(function, self.count, compile_from) for name, function in self.plain.items()
+            name: _compile_large(function, self.count, compile_from)
+            for name, function in self.plain.items()
         }
 
     def __call__(self, name: str, *arguments: ca.MX) -> list[ca.MX]:
@@ -156,7 +160,11 @@ def program(
         slope = one("slopes", z, p)[1]
         factors = block.scale[one.row][None] * scale_x[block.where[:, one.col]]
         entries.append(ca.vec(slope) * ca.DM(factors.ravel()))
-        gradients.append(_scatter(block.where.ravel(), scale_x[block.where.ravel()], size, one("gradient", z, p)[1]))
+        gradients.append(
+            _scatter(
+                block.where.ravel(), scale_x[block.where.ravel()], size, one("gradient", z, p)[1]
+            )
+        )
     matrix, names_c, scale_c = linear
     fixed = (sp.diags(scale_c) @ sp.csc_matrix(matrix) @ sp.diags(scale_x)).tocoo()
     entries.append(ca.MX(ca.DM(fixed.data)))
@@ -192,7 +200,8 @@ def program(
 def check_finite(made: Program, x: np.ndarray) -> None:
     """ArgumentError where the cost, its gradient or a constraint is not finite at x."""
     cost, gradient, g = (
-        np.array(value).ravel() for value in ca.Function("first", [made.x], [made.cost, made.gradient, made.g])(x)
+        np.array(value).ravel()
+        for value in ca.Function("first", [made.x], [made.cost, made.gradient, made.g])(x)
     )
     wrong = [made.names[k] for k in np.flatnonzero(~np.isfinite(g))[:1]]
     if not (np.isfinite(cost).all() and np.isfinite(gradient).all()):
@@ -208,7 +217,9 @@ def _row_scale(block: Block, local: _Local, scale_x: np.ndarray, guess: np.ndarr
     """Factors of the rows: a change of the unknowns by their scales changes a row by one or less."""
     size = np.full(block.rows.numel(), SMALLEST)
     for k in np.unique(np.linspace(0, block.count - 1, 5).astype(int)):
-        entries = np.array(local.plain["slopes"](guess[block.where[k]], block.values[:, k])[1]).ravel()
+        entries = np.array(
+            local.plain["slopes"](guess[block.where[k]], block.values[:, k])[1]
+        ).ravel()
         sizes = np.abs(entries * scale_x[block.where[k, local.col]])
         np.maximum.at(size, local.row, np.where(np.isfinite(sizes), sizes, 0.0))
     return np.where(size > SMALLEST, 1 / size, 1.0)
@@ -220,7 +231,9 @@ def _scatter(places: np.ndarray, factors: np.ndarray, size: int, values: ca.MX) 
     return ca.mtimes(ca.DM(matrix), ca.vec(values))
 
 
-def _jacobian(blocks: list[Block], local: list[_Local], entries: list[ca.MX], fixed: sp.coo_matrix, size: int) -> ca.MX:
+def _jacobian(
+    blocks: list[Block], local: list[_Local], entries: list[ca.MX], fixed: sp.coo_matrix, size: int
+) -> ca.MX:
     rows, cols, first = [], [], 0
     for block, one in zip(blocks, local, strict=True):
         m = block.rows.numel()
@@ -241,7 +254,9 @@ def _hessian(
     entries, rows, cols, factors = [], [], [], []
     for block, one, z, p in parts:
         m, count = block.rows.numel(), block.count
-        lam = ca.reshape(lam_g[first : first + m * count] * ca.DM(np.tile(block.scale, count)), m, count)
+        lam = ca.reshape(
+            lam_g[first : first + m * count] * ca.DM(np.tile(block.scale, count)), m, count
+        )
         first += m * count
         if not len(one.row_h):
             continue

@@ -31,7 +31,9 @@ class Guess:
     at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
 
 
-def from_trajectory(equations: Equations, trajectory: Trajectory, begin: float, end: float) -> Guess:
+def from_trajectory(
+    equations: Equations, trajectory: Trajectory, begin: float, end: float
+) -> Guess:
     """The motion of a trajectory between two instants."""
     i_m = list(equations.model.i_m)
 
@@ -46,11 +48,15 @@ def from_trajectory(equations: Equations, trajectory: Trajectory, begin: float, 
 def from_inversion(equations: Equations, path: Path, push: PlanForce | None = None) -> Guess:
     """The exact inversion of the move by its default method."""
     force = None if push is None else push.along(path)
-    found = solve(equations, path.move, force=force, verify=False, ignore_limits=True, progress=False)
+    found = solve(
+        equations, path.move, force=force, verify=False, ignore_limits=True, progress=False
+    )
     return from_trajectory(equations, found.trajectory, 0.0, path.duration)
 
 
-def between(equations: Equations, ends: tuple[np.ndarray, np.ndarray], duration: float, path: Path | None) -> Guess:
+def between(
+    equations: Equations, ends: tuple[np.ndarray, np.ndarray], duration: float, path: Path | None
+) -> Guess:
     """A slow motion from one equilibrium to another, along the path where that can be followed; rigid torques."""
     model = equations.model
     times = np.linspace(0.0, duration, POSES + 1)
@@ -65,9 +71,13 @@ def between(equations: Equations, ends: tuple[np.ndarray, np.ndarray], duration:
             pass
     curve = CubicSpline(times, arm, bc_type="clamped")
     q, v, a = (curve(times, k) for k in range(3))
-    tau_g = evaluate(equations.function("inverse_dynamics"), q, v, a)[0].reshape(len(times), -1)[:, i_g]
+    tau_g = evaluate(equations.function("inverse_dynamics"), q, v, a)[0].reshape(len(times), -1)[
+        :, i_g
+    ]
     inertia = np.array([motor.inertia for motor in model.motors])
-    torque = CubicSpline(times, tau_g @ np.linalg.inv(model.eta) + (a[:, i_g] @ model.eta.T) * inertia)
+    torque = CubicSpline(
+        times, tau_g @ np.linalg.inv(model.eta) + (a[:, i_g] @ model.eta.T) * inertia
+    )
     first, last = (end[n_a:] for end in ends)
 
     def at(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -97,10 +107,14 @@ def rest_at(equations: Equations, q_a: np.ndarray) -> np.ndarray:
     return np.concatenate([found.q_a, found.q_m[list(equations.model.i_m)]])
 
 
-def ends_of(equations: Equations, path: Path, push: PlanForce | None = None) -> tuple[np.ndarray, np.ndarray]:
+def ends_of(
+    equations: Equations, path: Path, push: PlanForce | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Equilibria at both ends of a path, under the force there."""
     times = np.array([0.0, path.duration])
-    held = [equations, equations] if push is None else [push.pushing(equations, s) for s in (0.0, 1.0)]
+    held = (
+        [equations, equations] if push is None else [push.pushing(equations, s) for s in (0.0, 1.0)]
+    )
     first = poses_along(held[0], path, times)
     last = first if push is None else poses_along(held[1], path, times)
     return rest_at(held[0], first[0]), rest_at(held[1], last[1])
@@ -110,7 +124,9 @@ def from_solution(equations: Equations, found: Solution | Trajectory) -> Guess:
     """The motion of a solution; SolverError where it is one of another robot."""
     trajectory = found.trajectory if isinstance(found, Solution) else found
     names = tuple(c.name for c in equations.model.coordinates)
-    if trajectory.labels.get("q_a") != names or not {"q_m", "v_m", "a_m", "tau_m"} <= set(trajectory.channels):
+    if trajectory.labels.get("q_a") != names or not {"q_m", "v_m", "a_m", "tau_m"} <= set(
+        trajectory.channels
+    ):
         raise SolverError(
             f"guess: given a trajectory of {trajectory.meta.get('model')}, expected one of {equations.model.name} with "
             "the channels q_a v_a a_a q_m v_m a_m tau_m"

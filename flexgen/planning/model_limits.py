@@ -34,7 +34,11 @@ def apply_limits(phase: Phase, limits: Limits | None, model_limits: bool) -> Non
     torque, speed = kept.arrays(model.n_m)
     curves = kept.torque_speed or ((),) * model.n_m
     speed = np.minimum(speed, [curve[-1][0] if curve else np.inf for curve in curves])
-    for name, size in (("tau_m", torque), ("v_m", speed), ("elastic_deflection", kept.deflections(model.n_e))):
+    for name, size in (
+        ("tau_m", torque),
+        ("v_m", speed),
+        ("elastic_deflection", kept.deflections(model.n_e)),
+    ):
         if len(size) and np.isfinite(size).any():
             phase.bound(name, -size, size)
     _bound_joints(phase, kept, model_limits)
@@ -53,11 +57,17 @@ def _bound_joints(phase: Phase, kept: Limits, model_limits: bool) -> None:
     both = kept.bounds("joint_speed", model.n_g), kept.bounds("joint_acceleration", model.n_g)
     for i, c in enumerate(model.coordinates):
         dof = c.dof
-        own = (None, None) if dof is None or not model_limits else (dof.speed_max, dof.acceleration_max)
+        own = (
+            (None, None)
+            if dof is None or not model_limits
+            else (dof.speed_max, dof.acceleration_max)
+        )
         if model_limits and dof is not None and (dof.lower is not None or dof.upper is not None):
             phase.bound(f"q_a[{dof.name}]", dof.lower, dof.upper)
         for name, limit, more in zip(("v_a", "a_a"), own, both, strict=True):
-            least = min(np.inf if limit is None else limit, more[of_gear[i]] if i in of_gear else np.inf)
+            least = min(
+                np.inf if limit is None else limit, more[of_gear[i]] if i in of_gear else np.inf
+            )
             if np.isfinite(least):
                 phase.bound(f"{name}[{c.name}]", -least, least)
 
@@ -73,7 +83,9 @@ def _bound_curves(phase: Phase, kept: Limits) -> None:
         c = points[1:, 1] + k * points[1:, 0]
         tau, v = phase[f"tau_m[{motor.name}]"] / left, phase[f"v_m[{motor.name}]"]
         rows = [s * tau + t * ca.DM(k) * v for s in (1, -1) for t in (1, -1)]
-        phase.subject_to(ca.vertcat(*rows), -np.inf, np.tile(c, 4), name=f"torque of {motor.name} at its speed")
+        phase.subject_to(
+            ca.vertcat(*rows), -np.inf, np.tile(c, 4), name=f"torque of {motor.name} at its speed"
+        )
 
 
 def _bound_rates(phase: Phase, rate: np.ndarray, given: bool) -> None:
@@ -85,7 +97,10 @@ def _bound_rates(phase: Phase, rate: np.ndarray, given: bool) -> None:
     mesh, finite = phase.mesh, np.isfinite(rate)
     phase.continuous_torque()
     powers = np.linalg.inv(np.vander(mesh.table.c, increasing=True))  # of the Lagrange polynomials
-    slopes = np.array([[k * theta ** max(k - 1, 0) for k in range(mesh.s)] for theta in (0.0, 1.0)]) @ powers
+    slopes = (
+        np.array([[k * theta ** max(k - 1, 0) for k in range(mesh.s)] for theta in (0.0, 1.0)])
+        @ powers
+    )
     D = np.zeros((mesh.N * mesh.s, 2 * mesh.N))
     for n in range(mesh.N):
         D[n * mesh.s : (n + 1) * mesh.s, 2 * n : 2 * n + 2] = slopes.T / mesh.h[n]
@@ -100,15 +115,26 @@ def _bound_rates(phase: Phase, rate: np.ndarray, given: bool) -> None:
 def _bound_gears(phase: Phase, most: np.ndarray) -> None:
     """Torques of the gears, arm side; ArgumentError for a rigid one whose motor turns with other bodies."""
     equations, model = phase.equations, phase.equations.model
-    names, rigid = [model.coordinates[i].name for i in model.i_g], [gear.rigid for gear, _ in gears(model)]
-    elastic = equations.function("gear_torque")(phase["q_a"], phase["v_a"], phase["q_m"], phase["v_m"])
+    names, rigid = (
+        [model.coordinates[i].name for i in model.i_g],
+        [gear.rigid for gear, _ in gears(model)],
+    )
+    elastic = equations.function("gear_torque")(
+        phase["q_a"], phase["v_a"], phase["q_m"], phase["v_m"]
+    )
     for k in np.flatnonzero(np.isfinite(most)):
         value = elastic[int(k)]
         if rigid[k]:
             if model.motor_coupling != "simplified":
-                raise ArgumentError(f"limits: given gear_torque of the rigid gear {names[k]}, expected tau_m bounds")
+                raise ArgumentError(
+                    f"limits: given gear_torque of the rigid gear {names[k]}, expected tau_m bounds"
+                )
             inertia = ca.DM([motor.inertia for motor in model.motors])
-            through = phase["tau_m"] - inertia * phase["a_m"] - motor_frictions(equations, phase["v_m"], elastic)
+            through = (
+                phase["tau_m"]
+                - inertia * phase["a_m"]
+                - motor_frictions(equations, phase["v_m"], elastic)
+            )
             value = ca.mtimes(ca.DM(model.eta[:, k]).T, through)
         phase.subject_to(value, -most[k], most[k], name=f"gear torque of {names[k]}")
 
@@ -116,9 +142,19 @@ def _bound_gears(phase: Phase, most: np.ndarray) -> None:
 def _bound_tool(phase: Phase, kept: Limits) -> None:
     """Squared speed and acceleration of the tool's origin over those of their bounds."""
     if kept.tool_speed is not None:
-        phase.subject_to(ca.sumsqr(phase["tool_velocity"]) / kept.tool_speed**2, -np.inf, 1.0, name="speed of the tool")
+        phase.subject_to(
+            ca.sumsqr(phase["tool_velocity"]) / kept.tool_speed**2,
+            -np.inf,
+            1.0,
+            name="speed of the tool",
+        )
     if kept.tool_acceleration is not None:
         q, v, a = (phase[name] for name in ("q_a", "v_a", "a_a"))
-        J, dJ = phase.equations.function("jacobian")(q), phase.equations.function("jacobian_dot")(q, v)
+        J, dJ = (
+            phase.equations.function("jacobian")(q),
+            phase.equations.function("jacobian_dot")(q, v),
+        )
         x = (ca.mtimes(J, a) + ca.mtimes(dJ, v))[:3]
-        phase.subject_to(ca.sumsqr(x) / kept.tool_acceleration**2, -np.inf, 1.0, name="acceleration of the tool")
+        phase.subject_to(
+            ca.sumsqr(x) / kept.tool_acceleration**2, -np.inf, 1.0, name="acceleration of the tool"
+        )

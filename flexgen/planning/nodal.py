@@ -13,7 +13,9 @@ from flexgen.planning.transcribe import Layout
 General = Callable[[ca.MX], tuple[ca.MX, ca.MX]]
 
 
-def general_part(layout: Layout, nodal: list[Nodal]) -> tuple[General, tuple[np.ndarray, np.ndarray, list[str]]]:
+def general_part(
+    layout: Layout, nodal: list[Nodal]
+) -> tuple[General, tuple[np.ndarray, np.ndarray, list[str]]]:
     """Costs and constraints in the expressions of the nodes as functions of the unknowns."""
     symbols = [x for phase in layout.phases for x in phase.node_symbols]
     costs = [item.value for item in nodal if item.lower is None]
@@ -36,5 +38,8 @@ def general_part(layout: Layout, nodal: list[Nodal]) -> tuple[General, tuple[np.
         cost, g = function(*arguments)
         return cost, g
 
-    low, high = (np.concatenate([np.zeros(0), *[getattr(item, x) for item in rows]]) for x in ("lower", "upper"))
+    low, high = (
+        np.concatenate([np.zeros(0), *[getattr(item, x) for item in rows]])
+        for x in ("lower", "upper")
+    )
     return general, (low, high, [item.name for item in rows for _ in range(item.value.numel())])

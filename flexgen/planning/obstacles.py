@@ -56,7 +56,9 @@ class HalfSpace:
     def __post_init__(self) -> None:
         _check_vector("normal", self.normal)
         if not np.linalg.norm(self.normal) > 0 or not is_number(self.offset):
-            raise ArgumentError(f"normal: given {self.normal!r}, {self.offset!r}, expected a direction and a length")
+            raise ArgumentError(
+                f"normal: given {self.normal!r}, {self.offset!r}, expected a direction and a length"
+            )
 
 
 Obstacle = Sphere | HalfSpace
@@ -78,18 +80,29 @@ def arm_points(equations: Equations, q_a: ca.SX, samples: int) -> ca.SX:
     corners = equations.function("chain_points")(q_a)
     home = evaluate(equations.function("chain_points"), np.zeros(equations.model.n_a))[0][0]
     columns = ca.horzsplit(corners)
-    kept = [k for k in range(len(columns)) if k == 0 or np.linalg.norm(home[:, k] - home[:, k - 1]) > SAME]
+    kept = [
+        k
+        for k in range(len(columns))
+        if k == 0 or np.linalg.norm(home[:, k] - home[:, k - 1]) > SAME
+    ]
     points = [columns[kept[0]]]
     for a, b in pairwise(kept):
-        points += [columns[a] + (columns[b] - columns[a]) * ((j + 1) / (samples + 1)) for j in range(samples)]
+        points += [
+            columns[a] + (columns[b] - columns[a]) * ((j + 1) / (samples + 1))
+            for j in range(samples)
+        ]
         points.append(columns[b])
     moving = [point for point in points if ca.depends_on(point, q_a)]
     if not moving:
-        raise ArgumentError(f"obstacles: model {equations.model.name} has no point that moves, expected an arm")
+        raise ArgumentError(
+            f"obstacles: model {equations.model.name} has no point that moves, expected an arm"
+        )
     return ca.horzcat(*moving)
 
 
-def distance_rows(equations: Equations, q_a: ca.SX, obstacle: Obstacle, margin: float, samples: int) -> ca.SX:
+def distance_rows(
+    equations: Equations, q_a: ca.SX, obstacle: Obstacle, margin: float, samples: int
+) -> ca.SX:
     """Rows (k,) that are >= 0 where the points of the arm are out of the obstacle.
 
     For a sphere ``(|p - c|^2 - r^2) / (2 r)``, which is smooth everywhere; near the surface it is the distance [m].

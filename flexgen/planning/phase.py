@@ -99,7 +99,14 @@ class Phase:
     """
 
     def __init__(
-        self, equations: Equations, mesh: Transcription, duration: float, *, number: int, tracked: bool, with_path: bool
+        self,
+        equations: Equations,
+        mesh: Transcription,
+        duration: float,
+        *,
+        number: int,
+        tracked: bool,
+        with_path: bool,
     ) -> None:
         suffix = f"_{number}" if number else ""
         self.equations, self.mesh, self.number = equations, mesh, number
@@ -157,16 +164,24 @@ class Phase:
         signal, entries = signals.find(name)
         value, tau = ca.densify(signal.value[entries]), signals.tau
         if ca.depends_on(value, signals.reference):
-            raise ArgumentError(f"nodes: given {name!r}, expected a signal of the robot or the time")
+            raise ArgumentError(
+                f"nodes: given {name!r}, expected a signal of the robot or the time"
+            )
         at_stages = ca.depends_on(value, ca.veccat(signals.ddy, tau))
         if at_stages and ca.depends_on(value, ca.veccat(signals.y, signals.dy, signals.time)):
-            raise ArgumentError(f"nodes: given {name!r}, which connects states and torques; use problem[{name!r}]")
+            raise ArgumentError(
+                f"nodes: given {name!r}, which connects states and torques; use problem[{name!r}]"
+            )
         if at_stages:
             function = ca.Function("at_points", [signals.ddy, tau], [value])
-            return function.map(self.mesh.N * self.mesh.s)(self._stages[0] / self._duration_mx**2, self._stages[1])
+            return function.map(self.mesh.N * self.mesh.s)(
+                self._stages[0] / self._duration_mx**2, self._stages[1]
+            )
         function = ca.Function("at_nodes", [signals.y, signals.dy, signals.time], [value])
         times = self._start_mx + self._duration_mx * ca.DM(self.mesh.nodes).T
-        return function.map(self.mesh.N + 1)(self._nodes[0], self._nodes[1] / self._duration_mx, times)
+        return function.map(self.mesh.N + 1)(
+            self._nodes[0], self._nodes[1] / self._duration_mx, times
+        )
 
     # --- what the user states ---------------------------------------------------------------------------------------
     def add_cost(self, cost: Expression, at: str = "path") -> None:
@@ -259,15 +274,21 @@ class Phase:
         low, high = _bounds(lower, upper, len(entries), f"bound of {name}")
         self.content.bands[name] = Band(name, signal.value[entries], low, high)
 
-    def free_time(self, lower: float = DURATIONS[0], upper: float = DURATIONS[1], guess: float | None = None) -> None:
+    def free_time(
+        self, lower: float = DURATIONS[0], upper: float = DURATIONS[1], guess: float | None = None
+    ) -> None:
         """Make the duration of the phase an unknown within bounds [s]."""
         for value in (lower, upper, 1.0 if guess is None else guess):
             if not is_number(value) or value <= 0:
                 raise ArgumentError(f"free_time: given {value!r}, expected a positive time in s")
         if lower > upper:
-            raise ArgumentError(f"free_time: given {lower} to {upper} s, expected a lower bound below the upper one")
+            raise ArgumentError(
+                f"free_time: given {lower} to {upper} s, expected a lower bound below the upper one"
+            )
         self.duration_bounds = (float(lower), float(upper))
-        self.given_duration = float(np.clip(self.given_duration if guess is None else guess, lower, upper))
+        self.given_duration = float(
+            np.clip(self.given_duration if guess is None else guess, lower, upper)
+        )
 
     @checked_types(own=("q_a",))
     def start_at(self, q_a: Sequence[float] | None) -> None:
@@ -302,12 +323,16 @@ class Phase:
 
     def _check_scalar(self, value: Expression) -> None:
         if value.numel() != 1:
-            raise ArgumentError(f"cost: given an expression of shape {value.shape}, expected a scalar; ca.sumsqr(x)?")
+            raise ArgumentError(
+                f"cost: given an expression of shape {value.shape}, expected a scalar; ca.sumsqr(x)?"
+            )
 
     def _check_symbols(self, value: ca.SX, what: str) -> None:
         known = ca.symvar(ca.veccat(*self.signals.symbols, self.duration, *self.unknowns))
         keys = {x.element_hash() for x in known}  # symbols of another problem have the same names
-        strange = [x.name().removeprefix("p:") for x in ca.symvar(value) if x.element_hash() not in keys]
+        strange = [
+            x.name().removeprefix("p:") for x in ca.symvar(value) if x.element_hash() not in keys
+        ]
         if strange:
             raise ArgumentError(
                 f"{what}: given an expression of {', '.join(strange)}, expected parameters of this problem and signals "
@@ -327,10 +352,14 @@ def _expression(value: Any, what: str) -> ca.SX:
     try:
         made = ca.densify(ca.SX(None if isinstance(value, bool | np.bool_) else value))
     except (NotImplementedError, TypeError, RuntimeError):
-        raise ArgumentError(f"{what}: given {type(value).__name__}, expected an expression of signals") from None
+        raise ArgumentError(
+            f"{what}: given {type(value).__name__}, expected an expression of signals"
+        ) from None
     numbers = [x for x in ca.vertsplit(ca.vec(made)) if x.is_constant()]
     if any(not np.isfinite(float(x)) for x in numbers):
-        raise ArgumentError(f"{what}: given NaN or infinity, expected an expression of finite numbers")
+        raise ArgumentError(
+            f"{what}: given NaN or infinity, expected an expression of finite numbers"
+        )
     return made
 
 
@@ -347,16 +376,22 @@ def _bounds(lower: Any, upper: Any, count: int, what: str) -> tuple[np.ndarray, 
             array = np.asarray(none if value is None else value, float)
             array = np.broadcast_to(array.ravel() if array.ndim else array, count).copy()
         except (TypeError, ValueError, OverflowError):
-            raise ArgumentError(f"{what}: given {show_value(value)}, expected a number or {count} numbers") from None
+            raise ArgumentError(
+                f"{what}: given {show_value(value)}, expected a number or {count} numbers"
+            ) from None
         if np.isnan(array).any():
             raise ArgumentError(f"{what}: given NaN, expected a number or {count} numbers")
         out.append(array)
     if (out[0] > out[1]).any():
-        raise ArgumentError(f"{what}: given a lower bound above the upper one: {out[0].tolist()}, {out[1].tolist()}")
+        raise ArgumentError(
+            f"{what}: given a lower bound above the upper one: {out[0].tolist()}, {out[1].tolist()}"
+        )
     return out[0], out[1]
 
 
 def check_phase(value: Any) -> None:
     """ArgumentError unless the value is a phase."""
     if not isinstance(value, Phase):
-        raise ArgumentError(f"phase: given {show_value(value)}, expected a flexgen.Phase, such as problem.phases[0]")
+        raise ArgumentError(
+            f"phase: given {show_value(value)}, expected a flexgen.Phase, such as problem.phases[0]"
+        )

@@ -55,18 +55,23 @@ SchemeName = Literal["gauss3", "radau", "hermite-simpson"]
 SCHEMES: dict[SchemeName, Callable[[], Tableau]] = {
     "gauss3": lambda: gauss(3), "radau": lambda: radau(3), "hermite-simpson": lobatto,
 }  # fmt: skip
-Rest = tuple[int, str, np.ndarray, float | None]  # phase, end, coordinates, path parameter where it is known
+# phase, end, coordinates, path parameter where it is known
+Rest = tuple[int, str, np.ndarray, float | None]
 TimingName = Literal["given", "free"]
 TIMINGS: tuple[TimingName, ...] = get_args(TimingName)
 INTERVALS = 50
-EXACT_UP_TO = 8  # degrees of freedom: above it the curvature of the constraints costs more than it saves
-ACCURACY = 1e-5  # rad, and m for each meter of reach: largest error of the simulation of a solved problem
+# degrees of freedom: above it the curvature of the constraints costs more than it saves
+EXACT_UP_TO = 8
+# rad, and m for each meter of reach: largest error of the simulation of a solved problem
+ACCURACY = 1e-5
 TOLERANCE = 1e-9  # of IPOPT, on scaled constraints
 OPTIMALITY = 1e-7  # of the conditions of a minimum, scaled
 ITERATIONS = 500
-TOUCH, EXCESS = 1e-3, 1e-2  # m, and of a ball's radius: deepest contact between the collocation points
+# m, and of a ball's radius: deepest contact between the collocation points
+TOUCH, EXCESS = 1e-3, 1e-2
 SAME = 1e-9  # rad or m: ends of two phases that are as close are one
-BETWEEN = 0.1  # of the tolerance of a path: left for what the output does between the collocation points
+# of the tolerance of a path: left for what the output does between the collocation points
+BETWEEN = 0.1
 
 
 @checked_class
@@ -109,7 +114,8 @@ class PlanProblem(Phase):
         self.push = push
         self.y_start, self.y_end = guesses.ends_of(equations, path, push)
         self.parameters: list[Parameter] = []
-        self._everywhere: list[Callable[[Phase], None]] = []  # what holds in the phases added afterwards as well
+        # what holds in the phases added afterwards as well
+        self._everywhere: list[Callable[[Phase], None]] = []
         self._periodic = False
         self._warm: NlpResult | None = None
         self._warm_x = np.zeros(0)
@@ -139,7 +145,9 @@ class PlanProblem(Phase):
         return phase
 
     @checked_types(own=("lower", "upper", "guess"))
-    def parameter(self, name: str, lower: float = -np.inf, upper: float = np.inf, guess: float = 0.0) -> ca.SX:
+    def parameter(
+        self, name: str, lower: float = -np.inf, upper: float = np.inf, guess: float = 0.0
+    ) -> ca.SX:
         """An unknown number within bounds, for costs and constraints."""
         known = [unknown.name().removeprefix("p:") for unknown in self.unknowns]
         check_parameter(name, known, lower, upper, guess)
@@ -192,7 +200,9 @@ class PlanProblem(Phase):
 
         def state(phase: Phase) -> None:
             error = self.error_of(phase)
-            phase.subject_to(error, -inner, inner, name="distance from the path", slack=BETWEEN * tolerance)
+            phase.subject_to(
+                error, -inner, inner, name="distance from the path", slack=BETWEEN * tolerance
+            )
 
         self._in_all_phases(state)
 
@@ -209,7 +219,9 @@ class PlanProblem(Phase):
         """
 
         def state(phase: Phase) -> None:
-            stated = [distance_rows(self.equations, phase["q_a"], x, margin, samples) for x in obstacles]
+            stated = [
+                distance_rows(self.equations, phase["q_a"], x, margin, samples) for x in obstacles
+            ]
             for k, (obstacle, rows) in enumerate(zip(obstacles, stated, strict=True)):
                 kind = "sphere" if isinstance(obstacle, Sphere) else "half-space"
                 name, slack = obstacle.name or f"{kind} {k + 1}", TOUCH
@@ -284,8 +296,12 @@ class PlanProblem(Phase):
         check_solve(hessian, accuracy, max_iterations, time_limit, compiled)
         began = time.perf_counter(), time.process_time()
         told = progress if callable(progress) else None
-        layout = Layout(tuple(self.phases), tuple(parameter.symbol for parameter in self.parameters))
-        exact = hessian == "exact" or (hessian == "auto" and self.equations.model.dof <= EXACT_UP_TO)
+        layout = Layout(
+            tuple(self.phases), tuple(parameter.symbol for parameter in self.parameters)
+        )
+        exact = hessian == "exact" or (
+            hessian == "auto" and self.equations.model.dof <= EXACT_UP_TO
+        )
         rests = self._rests()
         for number, where, rest, s in rests:
             check_rest(self.phases[number], rest, where, s)
@@ -294,12 +310,18 @@ class PlanProblem(Phase):
             multipliers = None
             if warm:
                 if self._warm is None or len(self._warm.x) != layout.size:
-                    raise ArgumentError("warm: there is no solution of a problem of this size, expected solve() before")
+                    raise ArgumentError(
+                        "warm: there is no solution of a problem of this size, expected solve() before"
+                    )
                 start = self._warm_x
             scale = scales(layout, self.parameters, start)
             made = self._program(layout, scale, start, exact, compiled)
             check_finite(made, start / scale)
-            if warm and self._warm is not None and len(self._warm.multipliers[1]) == len(made.lower):
+            if (
+                warm
+                and self._warm is not None
+                and len(self._warm.multipliers[1]) == len(made.lower)
+            ):
                 multipliers = self._warm.multipliers
             bounds = self._bounds(layout, scale, rests)
             found = solve_nlp(
@@ -320,18 +342,38 @@ class PlanProblem(Phase):
         if not phase.signals.reference.numel():
             return lambda sigma: np.zeros((len(sigma), 0))
         start = sum(other.given_duration for other in self.phases[: phase.number])
-        return lambda sigma: targets(self.path.sample(start + phase.given_duration * np.asarray(sigma)))
+        return lambda sigma: targets(
+            self.path.sample(start + phase.given_duration * np.asarray(sigma))
+        )
 
     def _program(
-        self, layout: Layout, scale: np.ndarray, start: np.ndarray, exact: bool, compiled: bool | None
+        self,
+        layout: Layout,
+        scale: np.ndarray,
+        start: np.ndarray,
+        exact: bool,
+        compiled: bool | None,
     ) -> Program:
-        blocks = [b for phase in self.phases for b in blocks_of(layout, phase, self.reference_at(phase), exact)]
+        blocks = [
+            b
+            for phase in self.phases
+            for b in blocks_of(layout, phase, self.reference_at(phase), exact)
+        ]
         joined, matrix, names = links(layout, self._periodic)
         size = np.maximum(abs(matrix) @ scale, 1e-300) if len(names) else np.zeros(0)
         nodal = [item for phase in self.phases for item in phase.content.nodal]
         general, bounds = (None, None) if not nodal else general_part(layout, nodal)
         limit = {None: COMPILE_FROM, True: 0.0, False: np.inf}[compiled]
-        return program(layout.size, [*blocks, *joined], (matrix, names, 1 / size), scale, start, general, bounds, limit)
+        return program(
+            layout.size,
+            [*blocks, *joined],
+            (matrix, names, 1 / size),
+            scale,
+            start,
+            general,
+            bounds,
+            limit,
+        )
 
     def _start(self, layout: Layout, guess: str | Solution | Trajectory | None) -> np.ndarray:
         """The unknowns where the search starts."""
@@ -357,15 +399,20 @@ class PlanProblem(Phase):
                 out.append((number, "end", phase.y_end, 1.0 if free and number == last else None))
         return out
 
-    def _bounds(self, layout: Layout, scale: np.ndarray, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
+    def _bounds(
+        self, layout: Layout, scale: np.ndarray, rests: list[Rest]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of the scaled unknowns: rest at the ends, durations, parameters."""
         lower, upper = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
         for number, where, rest, s in rests:
             y, dy = layout.node(number, 0 if where == "start" else -1).reshape(2, self._n)
-            known = len(rest) if s is None else self._n  # within the problem the path parameter is free
+            # within the problem the path parameter is free
+            known = len(rest) if s is None else self._n
             lower[y[:known]] = upper[y[:known]] = rest if s is None else np.r_[rest, s]
             lower[dy[:known]] = upper[dy[:known]] = 0.0
-        limits = [phase.duration_bounds for phase in self.phases] + [(p.lower, p.upper) for p in self.parameters]
+        limits = [phase.duration_bounds for phase in self.phases] + [
+            (p.lower, p.upper) for p in self.parameters
+        ]
         lower[layout.theta], upper[layout.theta] = np.array(limits, float).T
         return lower / scale, upper / scale
 
@@ -434,7 +481,9 @@ def plan_problem(
     if timing not in TIMINGS:
         raise ArgumentError(f"timing: given {timing!r}, expected one of {', '.join(TIMINGS)}")
     if limits is not None and not isinstance(limits, bool | Limits):
-        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...) or False")
+        raise ArgumentError(
+            f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...) or False"
+        )
     equations = model if isinstance(model, Equations) else derive(model)
     path = Path(equations, find_move(equations.model, move))
     if timing == "free":
@@ -442,7 +491,14 @@ def plan_problem(
     given = limits if isinstance(limits, Limits) else None
     push = None if force is None else make_plan_force(force, equations, timing == "free")
     problem = PlanProblem(
-        equations, path, mesh_nodes(mesh, path.duration), SCHEMES[scheme](), timing, given, limits is not False, push
+        equations,
+        path,
+        mesh_nodes(mesh, path.duration),
+        SCHEMES[scheme](),
+        timing,
+        given,
+        limits is not False,
+        push,
     )
     problem.torque_continuous |= scheme == "hermite-simpson"
     return problem

@@ -34,12 +34,17 @@ from flexgen.torque_curve import POLYNOMIALS, SAMPLES
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
-ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
-RESIDUAL = 1e-2  # relative, between the collocation points: largest of a solution that is not simulated
-EXCESS, RANGE = 1e-2, 1e-3  # of a bound, of the range of what is bounded: largest excess between the points
+# relative: largest error of the energy balance of a simulation that verifies something
+ENERGY = 1e-7
+# relative, between the collocation points: largest of a solution that is not simulated
+RESIDUAL = 1e-2
+# of a bound, of the range of what is bounded: largest excess between the points
+EXCESS, RANGE = 1e-2, 1e-3
 MOVING = 1e-9  # of the largest speed: below it the motion starts at rest
-SMALL = 1e-6  # of what a row changes by where the unknowns change by their scales: a change that does not matter
-CLOSE, MOST = 1e-3, 1000  # s: distance of the instants at which a solution is checked; most on an interval
+# of what a row changes by where the unknowns change by their scales: a change that does not matter
+SMALL = 1e-6
+# s: distance of the instants at which a solution is checked; most on an interval
+CLOSE, MOST = 1e-3, 1000
 FAR = 1.5  # times the accuracy: a larger distance from the reference is stated as a status
 
 
@@ -86,16 +91,27 @@ def samples(layout: Layout, phase: Phase, x: np.ndarray, places: np.ndarray) -> 
     y, dy, ddy, tau = mesh.unpack(x[layout.first[number] : layout.first[number] + mesh.size])
     once, twice = mesh.table.weights(places)
     lagrange, h = mesh.table.lagrange(places), mesh.h[:, None, None]
-    at = y[:-1, None] + h * places[:, None] * dy[:-1, None] + h**2 * np.einsum("pj,njk->npk", twice, ddy)
+    at = (
+        y[:-1, None]
+        + h * places[:, None] * dy[:-1, None]
+        + h**2 * np.einsum("pj,njk->npk", twice, ddy)
+    )
     rate = dy[:-1, None] + h * np.einsum("pj,njk->npk", once, ddy)
-    rows = [at, rate / T, np.einsum("pj,njk->npk", lagrange, ddy) / T**2, np.einsum("pj,njk->npk", lagrange, tau)]
+    rows = [
+        at,
+        rate / T,
+        np.einsum("pj,njk->npk", lagrange, ddy) / T**2,
+        np.einsum("pj,njk->npk", lagrange, tau),
+    ]
     t = begin + T * (mesh.nodes[:-1, None] + mesh.h[:, None] * places)
     y, dy, ddy, tau = (row.reshape(len(t) * len(places), -1) for row in rows)
     return Samples(t.ravel(), y, dy, ddy, tau, theta)
 
 
 def _join(parts: list[Samples]) -> Samples:
-    t, y, dy, ddy, tau = (np.concatenate([getattr(p, x) for p in parts]) for x in ("t", "y", "dy", "ddy", "tau"))
+    t, y, dy, ddy, tau = (
+        np.concatenate([getattr(p, x) for p in parts]) for x in ("t", "y", "dy", "ddy", "tau")
+    )
     return Samples(t, y, dy, ddy, tau, parts[0].theta)
 
 
@@ -113,7 +129,9 @@ def make_solution(
     """The solution of a problem, simulated where IPOPT converged; its times are zero."""
     if not np.isfinite(x).all():
         worst = describe_worst(made, found, x, layout)
-        raise SolverError(f"plan: IPOPT ended with {found.status!r} and numbers that are not finite; {worst}")
+        raise SolverError(
+            f"plan: IPOPT ended with {found.status!r} and numbers that are not finite; {worst}"
+        )
     equations, phases = problem.equations, layout.phases
     places = np.arange(SAMPLES) / SAMPLES
     parts = [samples(layout, phase, x, places) for phase in phases]
@@ -121,9 +139,13 @@ def make_solution(
     end = Samples(last.t[-1:], last.y[-1:], last.dy[-1:], last.ddy[-1:], last.tau[-1:], last.theta)
     motion = _join([*parts, end])
     trajectory, tracked = _trajectory(problem, layout, motion)
-    between = _join([samples(layout, phase, x, _between(phase, x[layout.theta])) for phase in phases])
+    between = _join(
+        [samples(layout, phase, x, _between(phase, x[layout.theta])) for phase in phases]
+    )
     residual = _residual(equations, between, problem.push)
-    command = command_in(trajectory.time, trajectory["tau_m"], trajectory.labels["tau_m"], trajectory.meta)
+    command = command_in(
+        trajectory.time, trajectory["tau_m"], trajectory.labels["tau_m"], trajectory.meta
+    )
     total = float(motion.t[-1])
     solution = Solution(
         model=equations.model, move=replace(problem.path.move, duration=total), method="plan",
@@ -152,13 +174,17 @@ def _between(phase: Phase, theta: np.ndarray) -> np.ndarray:
 def _residual(equations: Equations, at: Samples, push: PlanForce | None) -> np.ndarray:
     """Largest residual of each equation of motion (dof,) between the collocation points, by the Lagrangian."""
     n_a, i_m = equations.model.n_a, list(equations.model.i_m)
-    motion = [x for part in (at.y, at.dy, at.ddy) for x in (part[:, :n_a], _all_motors(equations, part))]
+    motion = [
+        x for part in (at.y, at.dy, at.ddy) for x in (part[:, :n_a], _all_motors(equations, part))
+    ]
     q_a, q_m, v_a, v_m, a_a, a_m = motion
     force = [] if push is None else [push.at(at.y[:, -1])]
     pushed = equations if push is None else equations.pushed
     r_a, r_m = evaluate(pushed.function("residual"), q_a, v_a, a_a, q_m, v_m, a_m, at.tau, *force)
     n = len(at.t)
-    return np.asarray(np.abs(np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, i_m]])).max(axis=0))
+    return np.asarray(
+        np.abs(np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, i_m]])).max(axis=0)
+    )
 
 
 def describe_worst(made: Program, found: NlpResult, x: np.ndarray, layout: Layout) -> str:
@@ -175,7 +201,9 @@ def describe_worst(made: Program, found: NlpResult, x: np.ndarray, layout: Layou
     return f"the largest violated constraint is {made.names[k]!r}, by {excess[k] / made.scale[k]:.3g}{when}"
 
 
-def _details(problem: Problem, layout: Layout, x: np.ndarray, found: NlpResult, made: Program) -> dict[str, Any]:
+def _details(
+    problem: Problem, layout: Layout, x: np.ndarray, found: NlpResult, made: Program
+) -> dict[str, Any]:
     theta, count = x[layout.theta], len(layout.phases)
     names = [symbol.name().removeprefix("p:") for symbol in layout.parameters]
     return {
@@ -205,9 +233,16 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
         else:
             target = _targets(problem, layout, motion)
         y = target[:, : y.shape[1]]
-        R = target[:, 3:].reshape(-1, 3, 3).transpose(0, 2, 1).reshape(-1, 9) if target.shape[1] == 12 else R
+        R = (
+            target[:, 3:].reshape(-1, 3, 3).transpose(0, 2, 1).reshape(-1, 9)
+            if target.shape[1] == 12
+            else R
+        )
     names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
-    of_a, of_g = tuple(c.unit for c in robot.coordinates), tuple(robot.coordinates[i].unit for i in i_g)
+    of_a, of_g = (
+        tuple(c.unit for c in robot.coordinates),
+        tuple(robot.coordinates[i].unit for i in i_g),
+    )
     labels = output_labels(robot)
     rows: list[tuple[str, np.ndarray, tuple[str, ...], str, tuple[str, ...]]] = [
         (f"{x}_a", value, tuple(u + end for u in of_a), "arm coordinates, planned", names_a)
@@ -215,19 +250,36 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
     ]
     rows += [
         (f"{x}_m", value, ("rad" + end,) * robot.n_m, "motor angles, motor side", names_m)
-        for x, value, end in zip("qva", (motors.q_m, motors.v_m, motors.a_m), ("", "/s", "/s^2"), strict=True)
+        for x, value, end in zip(
+            "qva", (motors.q_m, motors.v_m, motors.a_m), ("", "/s", "/s^2"), strict=True
+        )
     ]
     force = tuple("N m" if u == "rad" else "N" for u in of_g)
     rows.append(("tau_m", motors.tau_m, ("N m",) * robot.n_m, "motor torques, motor side", names_m))
     rows.append(("tau_g", tau_g, force, "gear torques, arm side", tuple(names_a[i] for i in i_g)))
     rows.append(("y_ref", y, output_units(robot), "reference output", labels["y_ref"]))
     if "R_ref" in labels:
-        rows.append(("R_ref", R, ("-",) * 9, "reference orientation, rows of the matrix", labels["R_ref"]))
+        rows.append(
+            ("R_ref", R, ("-",) * 9, "reference orientation, rows of the matrix", labels["R_ref"])
+        )
     if problem.push is not None:
         doc = "force and torque on the tool, world axes"
-        rows.append((tool_force.CHANNEL, problem.push.at(motion.y[:, -1]), tool_force.UNITS, doc, tool_force.LABELS))
+        rows.append(
+            (
+                tool_force.CHANNEL,
+                problem.push.at(motion.y[:, -1]),
+                tool_force.UNITS,
+                doc,
+                tool_force.LABELS,
+            )
+        )
     units = {name: unit for name, _, unit, _, _ in rows}
-    meta = {"model": robot.name, "variant": robot.variant, "move": problem.path.move.name, "kind": "plan"}
+    meta = {
+        "model": robot.name,
+        "variant": robot.variant,
+        "move": problem.path.move.name,
+        "kind": "plan",
+    }
     torque = {"torque": "limited", POLYNOMIALS: layout.phases[0].mesh.s - 1}
     return Trajectory(
         t, {name: value for name, value, *_ in rows},
@@ -248,7 +300,9 @@ def _targets(problem: Problem, layout: Layout, motion: Samples) -> np.ndarray:
     return np.vstack(out)
 
 
-def _check_bounds(problem: Problem, layout: Layout, made: Program, at: Samples, solution: Solution) -> Solution:
+def _check_bounds(
+    problem: Problem, layout: Layout, made: Program, at: Samples, solution: Solution
+) -> Solution:
     """The solution, "tolerance not met" where a constraint is violated between the collocation points."""
     begin = 0
     unit: dict[str, float] = {}
@@ -256,7 +310,10 @@ def _check_bounds(problem: Problem, layout: Layout, made: Program, at: Samples, 
         unit[name] = max(unit.get(name, 0.0), 1 / scale)
     for phase in layout.phases:
         rows = [(r.name, r.value, r.lower, r.upper, r.slack) for r in phase.content.rows["path"]]
-        rows += [(f"bound of {b.name}", b.value, b.lower, b.upper, None) for b in phase.content.bands.values()]
+        rows += [
+            (f"bound of {b.name}", b.value, b.lower, b.upper, None)
+            for b in phase.content.bands.values()
+        ]
         places = _between(phase, at.theta)
         count = phase.mesh.N * len(places)
         part = slice(begin, begin + count)
@@ -279,7 +336,9 @@ def _check_bounds(problem: Problem, layout: Layout, made: Program, at: Samples, 
             if slack is None:
                 bounds = [np.where(np.isfinite(x), np.abs(x), 0.0) for x in (low, high)]
                 extent = np.ptp(value, axis=0)
-                allowed = np.maximum(EXCESS * np.maximum(*bounds), RANGE * np.where(np.isfinite(extent), extent, 0.0))
+                allowed = np.maximum(
+                    EXCESS * np.maximum(*bounds), RANGE * np.where(np.isfinite(extent), extent, 0.0)
+                )
                 allowed = np.maximum(allowed, SMALL * unit.get(name, 0.0))
             below, above = (
                 np.where(np.isfinite(low), low - value, -np.inf),
@@ -292,7 +351,9 @@ def _check_bounds(problem: Problem, layout: Layout, made: Program, at: Samples, 
                     f"{name!r} is violated by {excess[k]:.3g} between the collocation points; take a finer "
                     "mesh or a margin"
                 )
-                solution = replace(solution, status=Status.TOLERANCE_NOT_MET, warnings=(*solution.warnings, text))
+                solution = replace(
+                    solution, status=Status.TOLERANCE_NOT_MET, warnings=(*solution.warnings, text)
+                )
     return solution
 
 
@@ -311,7 +372,9 @@ def _verify(
         equations, solution.trajectory, command=solution.torque_command,
         moving=bool(speed[0].max() > MOVING * speed.max()), progress=progress,
     )  # fmt: skip
-    solution = replace(solution, simulation=simulation, warnings=(*solution.warnings, *simulation.warnings))
+    solution = replace(
+        solution, simulation=simulation, warnings=(*solution.warnings, *simulation.warnings)
+    )
     size = min(1.0, reach(equations))
     in_m, in_rad = plan_error(equations, solution, simulation)
     error = max((in_m or 0.0) / size, in_rad or 0.0)
@@ -327,5 +390,7 @@ def _verify(
         off = max((simulation.tool_error_max_m or 0.0) / size, simulation.tool_error_max_rad or 0.0)
         if status == Status.SOLVED and off > FAR * accuracy:
             status = Status.LIMITS_ACTIVE
-        solution = replace(solution, path_distance_max_m=path_distance(equations, solution, simulation))
+        solution = replace(
+            solution, path_distance_max_m=path_distance(equations, solution, simulation)
+        )
     return replace(solution, status=status)

@@ -46,7 +46,9 @@ class Signals(Mapping[str, ca.SX]):
         Target of the output, a number at each instant; only with ``tracked``.
     """
 
-    def __init__(self, equations: Equations, *, with_path: bool, tracked: bool, name: str = "") -> None:
+    def __init__(
+        self, equations: Equations, *, with_path: bool, tracked: bool, name: str = ""
+    ) -> None:
         model = equations.model
         self.equations, self.with_path = equations, with_path
         n = model.dof + with_path
@@ -75,7 +77,9 @@ class Signals(Mapping[str, ca.SX]):
     def find(self, name: str) -> tuple[Signal, list[int]]:
         """The signal of a name and the entries that are meant; ArgumentError for an unknown name."""
         if not isinstance(name, str):
-            raise ArgumentError(f"signal: given {name!r}, expected a name, one of {', '.join(self._signals)}")
+            raise ArgumentError(
+                f"signal: given {name!r}, expected a name, one of {', '.join(self._signals)}"
+            )
         base, bracket, label = name.partition("[")
         if base not in self._signals:
             raise ArgumentError(f"signal: given {name!r}, expected {_suggest(base, self._signals)}")
@@ -84,7 +88,9 @@ class Signals(Mapping[str, ca.SX]):
             return signal, list(range(len(signal.labels)))
         label = label.rstrip("]")
         if label not in signal.labels:
-            raise ArgumentError(f"signal {base}: given entry {label!r}, expected {_suggest(label, signal.labels)}")
+            raise ArgumentError(
+                f"signal {base}: given entry {label!r}, expected {_suggest(label, signal.labels)}"
+            )
         return signal, [signal.labels.index(label)]
 
     def _motors(self, part: ca.SX) -> ca.SX:
@@ -96,7 +102,10 @@ class Signals(Mapping[str, ca.SX]):
 
     def _make(self) -> Iterable[Signal]:
         equations, model, n_a = self.equations, self.equations.model, self.equations.model.n_a
-        names_a, units_a = tuple(c.name for c in model.coordinates), tuple(c.unit for c in model.coordinates)
+        names_a, units_a = (
+            tuple(c.name for c in model.coordinates),
+            tuple(c.unit for c in model.coordinates),
+        )
         names_m = tuple(m.name for m in model.motors)
         names_g, names_e = (tuple(names_a[i] for i in part) for part in (model.i_g, model.i_e))
         arm = [part[:n_a] for part in (self.y, self.dy, self.ddy)]
@@ -104,23 +113,51 @@ class Signals(Mapping[str, ca.SX]):
             yield Signal(name, value, names_a, tuple(u + end for u in units_a), "arm coordinates")
         motors = [self._motors(part) for part in (self.y, self.dy, self.ddy)]
         for name, value, end in zip(("q_m", "v_m", "a_m"), motors, ("", "/s", "/s^2"), strict=True):
-            yield Signal(name, value, names_m, ("rad" + end,) * model.n_m, "motor angles, motor side")
+            yield Signal(
+                name, value, names_m, ("rad" + end,) * model.n_m, "motor angles, motor side"
+            )
         yield Signal("tau_m", self.tau, names_m, ("N m",) * model.n_m, "motor torques, motor side")
-        yield Signal("power_m", self.tau * motors[1], names_m, ("W",) * model.n_m, "power of the motors")
+        yield Signal(
+            "power_m", self.tau * motors[1], names_m, ("W",) * model.n_m, "power of the motors"
+        )
         gear = ca.mtimes(ca.inv(ca.DM(model.eta)), motors[0]) - arm[0][list(model.i_g)]
-        yield Signal("gear_deflection", gear, names_g, tuple(units_a[i] for i in model.i_g), "eta^-1 q_m - q_g")
+        yield Signal(
+            "gear_deflection",
+            gear,
+            names_g,
+            tuple(units_a[i] for i in model.i_g),
+            "eta^-1 q_m - q_g",
+        )
         elastic = ca.vertcat(ca.SX(0, 1), *[arm[0][i] for i in model.i_e])
         of_e = tuple(units_a[i] for i in model.i_e)
         yield Signal("elastic_deflection", elastic, names_e, of_e, "coordinates without motor")
         p, R = equations.function("forward_kinematics")(arm[0])
         J = fast_function(equations, "jacobian") or equations.function("jacobian")
         v = ca.mtimes(J(arm[0]), arm[1])
-        yield Signal("tool_position", p, ("x", "y", "z"), ("m",) * 3, "origin of the tool, world axes")
-        yield Signal("tool_rotation", ca.vec(R), tuple(f"{r}{c}" for c in "xyz" for r in "xyz"), ("1",) * 9, "columns")
-        yield Signal("tool_velocity", v[:3], ("x", "y", "z"), ("m/s",) * 3, "of the tool's origin, world axes")
-        yield Signal("tool_turn_rate", v[3:], ("x", "y", "z"), ("rad/s",) * 3, "angular velocity, world axes")
+        yield Signal(
+            "tool_position", p, ("x", "y", "z"), ("m",) * 3, "origin of the tool, world axes"
+        )
+        yield Signal(
+            "tool_rotation",
+            ca.vec(R),
+            tuple(f"{r}{c}" for c in "xyz" for r in "xyz"),
+            ("1",) * 9,
+            "columns",
+        )
+        yield Signal(
+            "tool_velocity",
+            v[:3],
+            ("x", "y", "z"),
+            ("m/s",) * 3,
+            "of the tool's origin, world axes",
+        )
+        yield Signal(
+            "tool_turn_rate", v[3:], ("x", "y", "z"), ("rad/s",) * 3, "angular velocity, world axes"
+        )
         y = equations.function("output")(arm[0])
-        yield Signal("output", y, output_labels(model)["y_ref"], output_units(model), "declared output")
+        yield Signal(
+            "output", y, output_labels(model)["y_ref"], output_units(model), "declared output"
+        )
         yield Signal("time", self.time, ("time",), ("s",), "time from the start of the first phase")
         if self.with_path:
             for name, part in (("s", self.y), ("s_rate", self.dy), ("s_acceleration", self.ddy)):
@@ -128,7 +165,9 @@ class Signals(Mapping[str, ca.SX]):
                 yield Signal(name, part[-1], (name,), (unit,), "path parameter, 0 to 1")
 
 
-def residual_of(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.SX, force: ca.SX | None = None) -> ca.SX:
+def residual_of(
+    equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.SX, force: ca.SX | None = None
+) -> ca.SX:
     """Equations of motion (n,) in the coordinates (q_a, q_me): zero where the torques cause the accelerations.
 
     ``force`` (6,): on the tool.
@@ -144,7 +183,11 @@ def residual_of(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.S
             motors[j] = part[n_a + k]
         full += [part[:n_a], motors]
     q_a, q_m, v_a, v_m, a_a, a_m = full
-    inverse = fast_function(equations, "inverse_dynamics") if model.motor_coupling == "simplified" else None
+    inverse = (
+        fast_function(equations, "inverse_dynamics")
+        if model.motor_coupling == "simplified"
+        else None
+    )
     if inverse is None or len(model.i_m) < model.n_m:
         r_a, r_m = pushed.function("residual")(q_a, v_a, a_a, q_m, v_m, a_m, tau, *pushing)
         return ca.vertcat(r_a, *[r_m[j] for j in model.i_m])

@@ -52,13 +52,17 @@ def start_of(
     if isinstance(guess, Solution | Trajectory):
         found = guesses.from_solution(equations, guess)
     elif guess is not None and not isinstance(guess, str):
-        raise ArgumentError(f"guess: given {guess!r}, expected 'rest', 'lq', a Solution or a Trajectory")
+        raise ArgumentError(
+            f"guess: given {guess!r}, expected 'rest', 'lq', a Solution or a Trajectory"
+        )
     elif guess == "lq" or (guess is None and free):
         found = guesses.from_inversion(equations, path, push)
     elif guess is None or guess == "rest":
         found = guesses.between(equations, ends, path.duration, path)
     else:
-        raise ArgumentError(f"guess: given {guess!r}, expected 'rest', 'lq', a Solution or a Trajectory")
+        raise ArgumentError(
+            f"guess: given {guess!r}, expected 'rest', 'lq', a Solution or a Trajectory"
+        )
     x, begun = [], 0.0
     ratio = found.duration / sum(phase.given_duration for phase in layout.phases)
     for phase in layout.phases:
@@ -71,11 +75,15 @@ def start_of(
                 u = path.duration / found.duration
                 law = path.segments[0].law(np.clip(t * u, 0.0, path.duration), 2)
                 law = law / path.segments[0].law(np.array([1e9]), 0)[0, 0]
-                y, dy, ddy = (np.column_stack([part, law[:, k] * u**k]) for k, part in enumerate((y, dy, ddy)))
+                y, dy, ddy = (
+                    np.column_stack([part, law[:, k] * u**k]) for k, part in enumerate((y, dy, ddy))
+                )
             levels.append((y, dy * ratio * T, ddy * (ratio * T) ** 2, tau))
         x.append(mesh.pack(np.hstack([levels[0][0], levels[0][1]]), levels[1][2], levels[1][3]))
         begun += T
-    theta = [phase.given_duration for phase in layout.phases] + [parameter.guess for parameter in parameters]
+    theta = [phase.given_duration for phase in layout.phases] + [
+        parameter.guess for parameter in parameters
+    ]
     out = np.concatenate([*x, theta])
     if not np.isfinite(out).all():
         raise ArgumentError("guess: given a motion that is not finite, expected finite numbers")
@@ -90,15 +98,23 @@ def check_rest(phase: Phase, y: np.ndarray, where: str, s: float | None = None) 
     """
     signals, content = phase.signals, phase.content
     inputs = [part if s is not None else part[: len(y)] for part in (signals.y, signals.dy)]
-    stated = [(row.name, row.value, row.lower, row.upper) for row in content.rows["path"] + content.rows[where]]
-    stated += [(f"bound of {band.name}", band.value, band.lower, band.upper) for band in content.bands.values()]
+    stated = [
+        (row.name, row.value, row.lower, row.upper)
+        for row in content.rows["path"] + content.rows[where]
+    ]
+    stated += [
+        (f"bound of {band.name}", band.value, band.lower, band.upper)
+        for band in content.bands.values()
+    ]
     for name, value, low, high in stated:
         known = ca.Function("rest", inputs, [value], {"allow_free": True})
         if known.has_free():
             continue
         found = np.array(known(y if s is None else np.r_[y, s], 0.0)).ravel()
         if not np.isfinite(found).all():
-            raise ArgumentError(f"plan: {name!r} is NaN or infinite at the {where}, expected a finite number")
+            raise ArgumentError(
+                f"plan: {name!r} is NaN or infinite at the {where}, expected a finite number"
+            )
         excess = np.maximum(low - found, found - high)
         k = int(np.argmax(excess))
         if not excess[k] <= REST * max(1.0, float(np.abs(found).max())):
@@ -113,7 +129,9 @@ def scales(layout: Layout, parameters: list[Parameter], start: np.ndarray) -> np
     model, out, torques = layout.phases[0].equations.model, [], []
     ratio = np.abs(model.eta).max(axis=1)[list(model.i_m)]
     for first, phase in zip(layout.first, layout.phases, strict=False):
-        torques.append(phase.mesh.unpack(start[first : first + phase.mesh.size])[3].reshape(-1, model.n_m))
+        torques.append(
+            phase.mesh.unpack(start[first : first + phase.mesh.size])[3].reshape(-1, model.n_m)
+        )
     torque = np.abs(np.vstack(torques)).max(axis=0)
     torque = np.maximum(torque, max(SMALL_TORQUE * float(torque.max()), 1e-6))
     for phase in layout.phases:

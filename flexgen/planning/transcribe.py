@@ -36,7 +36,11 @@ class Layout:
     @property
     def first(self) -> list[int]:
         """Number of the first unknown of each phase."""
-        return np.concatenate([[0], np.cumsum([phase.mesh.size for phase in self.phases])]).astype(int).tolist()
+        return (
+            np.concatenate([[0], np.cumsum([phase.mesh.size for phase in self.phases])])
+            .astype(int)
+            .tolist()
+        )
 
     @property
     def theta(self) -> np.ndarray:
@@ -65,17 +69,29 @@ class _Instants:
         n_tau, n_theta = (n_m if own else s * n_m), len(layout.theta)
         self.z = ca.SX.sym("z", (2 + s) * n + n_tau + n_theta)
         self.p = ca.SX.sym("p", 4 + 3 * s + signals.reference.numel())
-        row, h, sigma, self.weight = self.p[: 1 + 3 * s], self.p[1 + 3 * s], self.p[2 + 3 * s], self.p[3 + 3 * s]
+        row, h, sigma, self.weight = (
+            self.p[: 1 + 3 * s],
+            self.p[1 + 3 * s],
+            self.p[2 + 3 * s],
+            self.p[3 + 3 * s],
+        )
         z, theta = self.z, self.z[(2 + s) * n + n_tau :]
         y, dy, ddy = motion_at(z, row, h, n, s)
         tau = z[(2 + s) * n : (2 + s) * n + n_m]
         if not own:
-            tau = sum((row[1 + 2 * s + j] * z[(2 + s) * n + j * n_m :][:n_m] for j in range(s)), ca.SX.zeros(n_m))
+            tau = sum(
+                (row[1 + 2 * s + j] * z[(2 + s) * n + j * n_m :][:n_m] for j in range(s)),
+                ca.SX.zeros(n_m),
+            )
         T = theta[phase.number]
         start = ca.sum1(theta[: phase.number]) if phase.number else ca.SX(0)
         self.T, self.h = T, h
         made = [y, dy / T, ddy / T**2, tau, start + T * sigma, self.p[4 + 3 * s :]]
-        self.symbols = [*signals.symbols, *(other.duration for other in layout.phases), *layout.parameters]
+        self.symbols = [
+            *signals.symbols,
+            *(other.duration for other in layout.phases),
+            *layout.parameters,
+        ]
         self.made = [*made, *ca.vertsplit(theta)]
 
     def of(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
@@ -106,9 +122,18 @@ class _Instants:
         lagrange = mesh.table.lagrange(known)
         h = mesh.h[interval]
         sigma = mesh.nodes[interval] + theta * h
-        columns = [theta[:, None], once[place], twice[place], lagrange[place], h[:, None], sigma[:, None]]
+        columns = [
+            theta[:, None],
+            once[place],
+            twice[place],
+            lagrange[place],
+            h[:, None],
+            sigma[:, None],
+        ]
         columns += [weight[:, None], reference]
-        return np.hstack(columns).T, np.column_stack([np.full(len(sigma), float(self.phase.number)), sigma])
+        return np.hstack(columns).T, np.column_stack(
+            [np.full(len(sigma), float(self.phase.number)), sigma]
+        )
 
 
 def blocks_of(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> list[Block]:
@@ -136,7 +161,9 @@ def _kind(phase: Phase, band: Band) -> str | None:
     return None if ca.depends_on(ca.jacobian(band.value, symbol), symbol) else used[0]
 
 
-def _path_rows(phase: Phase, *, states_only: bool) -> tuple[list[ca.SX], np.ndarray, np.ndarray, list[str]]:
+def _path_rows(
+    phase: Phase, *, states_only: bool
+) -> tuple[list[ca.SX], np.ndarray, np.ndarray, list[str]]:
     """Rows of constraints and of bounds that are not polynomials; ``states_only``: inequalities in states alone."""
     rows = [(row.name, row.value, row.lower, row.upper) for row in phase.content.rows["path"]]
     bands = [band for band in phase.content.bands.values() if _kind(phase, band) is None]
@@ -160,10 +187,16 @@ def _motion(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> Bl
     """Equations of motion and the integral of the cost at the collocation points."""
     instants, mesh, signals = _Instants(layout, phase, own=True), phase.mesh, phase.signals
     model, n = phase.equations.model, phase.equations.model.dof
-    force = [] if phase.push is None else [phase.push.of(signals.y[n] if signals.with_path else None)]
-    motion = residual_of(phase.equations, signals.y[:n], signals.dy[:n], signals.ddy[:n], signals.tau, *force)
+    force = (
+        [] if phase.push is None else [phase.push.of(signals.y[n] if signals.with_path else None)]
+    )
+    motion = residual_of(
+        phase.equations, signals.y[:n], signals.dy[:n], signals.ddy[:n], signals.tau, *force
+    )
     rate = ca.sum1(ca.vertcat(0, *phase.content.costs["path"]))
-    rows, rate, squares = instants.of([motion, rate, ca.vertcat(ca.SX(0, 1), *phase.content.squares)])
+    rows, rate, squares = instants.of(
+        [motion, rate, ca.vertcat(ca.SX(0, 1), *phase.content.squares)]
+    )
     interval, stage = np.divmod(np.arange(mesh.N * mesh.s), mesh.s)
     weight = mesh.h[interval] * mesh.table.b[stage]
     p, times = instants.numbers(interval, mesh.table.c[stage], weight, reference(mesh.times))
@@ -175,14 +208,20 @@ def _motion(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> Bl
     )  # fmt: skip
 
 
-def _path(layout: Layout, phase: Phase, reference: Any, curvature: bool, *, nodes: bool) -> list[Block]:
+def _path(
+    layout: Layout, phase: Phase, reference: Any, curvature: bool, *, nodes: bool
+) -> list[Block]:
     """Constraints at the collocation points, or inequalities of the states at the other nodes."""
     values, low, high, names = _path_rows(phase, states_only=nodes)
     mesh, c = phase.mesh, phase.mesh.table.c
     if nodes:
         interval, stage = np.r_[np.arange(mesh.N), mesh.N - 1], np.zeros(mesh.N + 1, int)
         place = np.r_[np.zeros(mesh.N), 1.0]
-        known = [False if k else c[0] == 0.0 for k in range(mesh.N + 1)] if c[-1] < 1.0 else [True] * (mesh.N + 1)
+        known = (
+            [False if k else c[0] == 0.0 for k in range(mesh.N + 1)]
+            if c[-1] < 1.0
+            else [True] * (mesh.N + 1)
+        )
         known[0] = bool(c[0] == 0.0)
     else:
         interval, stage = np.divmod(np.arange(mesh.N * mesh.s), mesh.s)
@@ -200,18 +239,40 @@ def _path(layout: Layout, phase: Phase, reference: Any, curvature: bool, *, node
     lower, upper = (np.tile(x[:, None], count) for x in (low, high))
     where = instants.places(interval, stage)
     none = ca.SX(0), ca.SX(0, 1)
-    return [Block(instants.z, instants.p, where, p, rows, lower, upper, names, none[0], none[1], times, curvature)]
+    return [
+        Block(
+            instants.z,
+            instants.p,
+            where,
+            p,
+            rows,
+            lower,
+            upper,
+            names,
+            none[0],
+            none[1],
+            times,
+            curvature,
+        )
+    ]
 
 
 def _end(layout: Layout, phase: Phase, where: str, reference: Any, curvature: bool) -> Block:
     """Constraints and costs at the start or the end of a phase."""
     instants, mesh = _Instants(layout, phase, own=False), phase.mesh
-    interval, theta = (np.zeros(1, int), np.zeros(1)) if where == "start" else (np.array([mesh.N - 1]), np.ones(1))
+    interval, theta = (
+        (np.zeros(1, int), np.zeros(1))
+        if where == "start"
+        else (np.array([mesh.N - 1]), np.ones(1))
+    )
     p, sigma = instants.numbers(interval, theta, np.zeros(1), reference(theta))
     stated = phase.content.rows[where]
     cost = ca.sum1(ca.vertcat(0, *phase.content.costs[where]))
     rows, cost = instants.of([ca.vertcat(ca.SX(0, 1), *[row.value for row in stated]), cost])
-    low, high = (np.concatenate([np.zeros(0), *[getattr(row, x) for row in stated]]) for x in ("lower", "upper"))
+    low, high = (
+        np.concatenate([np.zeros(0), *[getattr(row, x) for row in stated]])
+        for x in ("lower", "upper")
+    )
     names = [f"{row.name} at the {where}" for row in stated for _ in range(row.value.numel())]
     return Block(
         instants.z, instants.p, instants.places(interval, None), p, rows, low[:, None], high[:, None], names, cost,
@@ -222,7 +283,9 @@ def _end(layout: Layout, phase: Phase, where: str, reference: Any, curvature: bo
 def bernstein(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Equidistant places (degree + 1,), and the matrix from values there to Bernstein coefficients."""
     theta = np.linspace(0.0, 1.0, degree + 1)
-    basis = [[comb(degree, i) * x**i * (1 - x) ** (degree - i) for i in range(degree + 1)] for x in theta]
+    basis = [
+        [comb(degree, i) * x**i * (1 - x) ** (degree - i) for i in range(degree + 1)] for x in theta
+    ]
     return theta, np.linalg.inv(np.array(basis))
 
 
@@ -238,7 +301,11 @@ def _polynomials(layout: Layout, phase: Phase, bands: list[Band]) -> Block | Non
         theta, matrix = bernstein(degree)
         values = ca.horzcat(*[_value_at(instants, table, band, float(x)) for x in theta])
         coefficients = ca.mtimes(values, ca.DM(matrix).T)[:, 0 if kind == "tau" else 1 :]
-        finite = [i for i in range(band.value.numel()) if np.isfinite(band.lower[i]) or np.isfinite(band.upper[i])]
+        finite = [
+            i
+            for i in range(band.value.numel())
+            if np.isfinite(band.lower[i]) or np.isfinite(band.upper[i])
+        ]
         for column in range(coefficients.shape[1]):
             rows += [coefficients[i, column] for i in finite]
             lower += [band.lower[i] for i in finite]
@@ -289,10 +356,18 @@ def links(layout: Layout, periodic: bool) -> tuple[list[Block], sp.csc_matrix, l
     pairs = [(k, k + 1) for k in range(len(layout.phases) - 1)]
     pairs += [(len(layout.phases) - 1, 0)] if periodic else []
     for before, after in pairs:
-        n = layout.phases[0].equations.model.dof if before > after or before == after else layout.phases[0].mesh.n
+        n = (
+            layout.phases[0].equations.model.dof
+            if before > after or before == after
+            else layout.phases[0].mesh.n
+        )
         a, b = layout.node(before, -1), layout.node(after, 0)
         full = layout.phases[0].mesh.n
-        what = "periodicity" if (before, after) == pairs[-1] and periodic else "connection of the phases"
+        what = (
+            "periodicity"
+            if (before, after) == pairs[-1] and periodic
+            else "connection of the phases"
+        )
         one = np.ones(n)
         entries = (np.r_[one, -one], (np.r_[np.arange(n), np.arange(n)], np.r_[a[:n], b[:n]]))
         matrices.append(sp.csc_matrix(entries, shape=(n, layout.size)))

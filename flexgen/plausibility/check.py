@@ -51,7 +51,9 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
 def implausible_number(model: str | Path | RobotModel | Equations) -> str:
     """The worst error of a model, as the end of the message of a computation that failed; empty where there is none."""
     try:
-        worst = _compare(model if isinstance(model, Equations) else derive(model), motions=False).worst
+        worst = _compare(
+            model if isinstance(model, Equations) else derive(model), motions=False
+        ).worst
     except (FlexgenError, ArithmeticError, ValueError):
         return ""
     return "" if worst is None else f"; numbers of the model are implausible: {worst}"
@@ -66,7 +68,9 @@ def _compare(equations: Equations, motions: bool) -> Check:
         rest = hold_joints(equations, home)
     except FlexgenError as error:
         advice = "stiffness of the springs without motor, masses, gravity"
-        findings.append(Finding(ERROR, "home", "equilibrium at home", str(error), "one", advice, 9.0))
+        findings.append(
+            Finding(ERROR, "home", "equilibrium at home", str(error), "one", advice, 9.0)
+        )
         q_a, none_m, none_g = np.zeros(robot.n_a), np.zeros(robot.n_m), np.zeros(robot.n_g)
         q_a[list(robot.i_g)] = home
         rest = Equilibrium(q_a, none_m, none_m, none_g)

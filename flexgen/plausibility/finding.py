@@ -38,7 +38,11 @@ class Usual:
     def __str__(self) -> str:
         if self.low == 0.0:
             return f"at most {self.high:.4g}"
-        return f"at least {self.low:.4g}" if math.isinf(self.high) else f"{self.low:.4g} to {self.high:.4g}"
+        return (
+            f"at least {self.low:.4g}"
+            if math.isinf(self.high)
+            else f"{self.low:.4g} to {self.high:.4g}"
+        )
 
 
 @checked_result
@@ -70,12 +74,16 @@ class Finding:
         return f"{self.key}: {self.quantity} {self.value}, usual {self.usual}; {self.advice}"
 
 
-def make_finding(key: str, quantity: str, value: float, unit: str, usual: Usual, advice: str) -> Finding:
+def make_finding(
+    key: str, quantity: str, value: float, unit: str, usual: Usual, advice: str
+) -> Finding:
     """A number as a `Finding`."""
     mark = usual.mark(value)
     unit = f" {unit}" if unit else ""
     text, expected = f"{value:.4g}{unit}", f"{usual}{unit}"
-    return Finding(mark, key, quantity, text, expected, advice if mark != OK else "", usual.distance(value))
+    return Finding(
+        mark, key, quantity, text, expected, advice if mark != OK else "", usual.distance(value)
+    )
 
 
 @checked_result
@@ -106,7 +114,9 @@ class Check(Result):
     @property
     def worst(self) -> Finding | None:
         """The first error in the file that has the key of the largest error; None without errors."""
-        return next((f for f in self.findings if f.mark == ERROR and f.key == self.errors[0].key), None)
+        return next(
+            (f for f in self.findings if f.mark == ERROR and f.key == self.errors[0].key), None
+        )
 
     @property
     def problem(self) -> str:
@@ -126,12 +136,22 @@ class Check(Result):
     def __repr__(self) -> str:
         worst = [*self.errors, *self.warnings]
         more = [f"... and {len(worst) - 10} more"] if len(worst) > 10 else []
-        return "\n".join([f"<Check {self.summary()}>", *(f"  {f.mark}: {f}" for f in worst[:10]), *more])
+        return "\n".join(
+            [f"<Check {self.summary()}>", *(f"  {f.mark}: {f}" for f in worst[:10]), *more]
+        )
 
     def _rows(self) -> list[tuple[str, str]]:
-        return [(f"{f.key}: {f.quantity}", f"{f.value}, usual {f.usual}: {f.mark}") for f in self.findings]
+        return [
+            (f"{f.key}: {f.quantity}", f"{f.value}, usual {f.usual}: {f.mark}")
+            for f in self.findings
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types."""
         rows = [asdict(finding) for finding in self.findings]
-        return {"model": self.model, "errors": len(self.errors), "unusual": len(self.warnings), "findings": rows}
+        return {
+            "model": self.model,
+            "errors": len(self.errors),
+            "unusual": len(self.warnings),
+            "findings": rows,
+        }

@@ -24,10 +24,20 @@ def moves(equations: Equations) -> Iterator[Finding]:
             found = _joints(equations, move)
         except FlexgenError as error:
             advice = "start, displacement or end of the move; lengths of the arm in m"
-            yield Finding(ERROR, key, "path of the arm without deflections", str(error), "a path", advice, 99.0)
+            yield Finding(
+                ERROR,
+                key,
+                "path of the arm without deflections",
+                str(error),
+                "a path",
+                advice,
+                99.0,
+            )
             continue
         if found is None:
-            yield Finding(OK, key, "range of the joints", "not checked: more joints than outputs", "-")
+            yield Finding(
+                OK, key, "range of the joints", "not checked: more joints than outputs", "-"
+            )
             continue
         yield _range(robot, key, found[0])
         yield from _speeds(robot, key, found[1])
@@ -51,11 +61,15 @@ def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:
         low, high = float(q_g[:, k].min()), float(q_g[:, k].max())
         for limit, value, side in ((joint.dof.lower, low, -1.0), (joint.dof.upper, high, 1.0)):
             if limit is not None and side * (value - limit) > 1e-9:
-                beyond.append(f"{joint.name} reaches {value:.4g} {joint.unit}, limit {limit:.4g} {joint.unit}")
+                beyond.append(
+                    f"{joint.name} reaches {value:.4g} {joint.unit}, limit {limit:.4g} {joint.unit}"
+                )
     if not beyond:
         return Finding(OK, key, "range of the joints", "within the limits", "within the limits")
     advice = "start and displacement of the move, lower and upper of the joint (_deg or _rad)"
-    return Finding(ERROR, key, "range of the joints", "; ".join(beyond), "within the limits", advice, 1.0)
+    return Finding(
+        ERROR, key, "range of the joints", "; ".join(beyond), "within the limits", advice, 1.0
+    )
 
 
 def _speeds(robot: RobotModel, key: str, v_g: np.ndarray) -> Iterator[Finding]:
@@ -68,9 +82,27 @@ def _speeds(robot: RobotModel, key: str, v_g: np.ndarray) -> Iterator[Finding]:
             speed = max(float(fastest[k]) for k in of_unit)
             yield make_finding(key, "largest joint speed", speed, f"{unit}/s", usual, advice)
     joints = [robot.coordinates[i] for i in robot.i_g]
-    rows = [(j.name, j.dof.speed_max, float(v), f"{j.unit}/s") for j, v in zip(joints, fastest, strict=True) if j.dof]
-    rows += [(m.name, m.speed_max, float(v), "rad/s") for m, v in zip(robot.motors, v_m, strict=True)]
-    over = [f"{name} {v:.4g} {unit}, limit {limit:.4g}" for name, limit, v, unit in rows if limit and v > limit]
+    rows = [
+        (j.name, j.dof.speed_max, float(v), f"{j.unit}/s")
+        for j, v in zip(joints, fastest, strict=True)
+        if j.dof
+    ]
+    rows += [
+        (m.name, m.speed_max, float(v), "rad/s") for m, v in zip(robot.motors, v_m, strict=True)
+    ]
+    over = [
+        f"{name} {v:.4g} {unit}, limit {limit:.4g}"
+        for name, limit, v, unit in rows
+        if limit and v > limit
+    ]
     if over:
         text = "; ".join(over)
-        yield Finding(UNUSUAL, key, "speeds", text, "within the limits", f"speed_max (rad/s, not rpm); {advice}", 0.5)
+        yield Finding(
+            UNUSUAL,
+            key,
+            "speeds",
+            text,
+            "within the limits",
+            f"speed_max (rad/s, not rpm); {advice}",
+            0.5,
+        )

@@ -62,7 +62,9 @@ def drives(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Find
         if motor.torque_max and load > 1e-9 * motor.torque_max:
             text = "torque of the motor to that of gravity at home"
             advice = "torque_max is at the motor, not at the joint; or ratio, masses, gravity"
-            yield make_finding(f"motor.{motor.name}.torque_max", text, motor.torque_max / load, "", TORQUE, advice)
+            yield make_finding(
+                f"motor.{motor.name}.torque_max", text, motor.torque_max / load, "", TORQUE, advice
+            )
 
 
 def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -> Iterator[Finding]:
@@ -70,19 +72,31 @@ def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -
     translation, size = joint.unit == "m", abs(ratio)
     usual = RATIO_TRANSLATION if translation else RATIO
     unit, kind = ("rad/m", "a translation") if translation else ("rad/rad", "a rotation")
-    by_unit = " in rad/m: 2 pi over the lead of a screw, 1 over the radius of a pinion, times the gear" * translation
+    by_unit = (
+        " in rad/m: 2 pi over the lead of a screw, 1 over the radius of a pinion, times the gear"
+        * translation
+    )
     advice = f"the ratio is q_motor / q_joint{by_unit}; not a percentage, and not its inverse"
     yield make_finding(f"motor.{motor.name}.ratio", f"ratio of {kind}", size, unit, usual, advice)
     if motor.inertia == 0.0:
         return
     advice = "inertia in kg m^2: 1 g cm^2 is 1e-7, 1 kg cm^2 is 1e-4"
-    yield make_finding(f"motor.{motor.name}.inertia", "rotor inertia", motor.inertia, "kg m^2", ROTOR, advice)
+    yield make_finding(
+        f"motor.{motor.name}.inertia", "rotor inertia", motor.inertia, "kg m^2", ROTOR, advice
+    )
     if arm > 0.0:
         worst = "ratio" if usual.distance(size) >= ROTOR.distance(motor.inertia) else "inertia"
-        advice = f"{worst} of the motor (it is on the motor side), or the masses and inertias of the arm"
+        advice = (
+            f"{worst} of the motor (it is on the motor side), or the masses and inertias of the arm"
+        )
         text = f"rotor inertia times ratio^2 to the inertia of the arm at {joint.name}"
         yield make_finding(
-            f"motor.{motor.name}.{worst}", text, motor.inertia * ratio**2 / arm, "", ROTOR_TO_ARM, advice
+            f"motor.{motor.name}.{worst}",
+            text,
+            motor.inertia * ratio**2 / arm,
+            "",
+            ROTOR_TO_ARM,
+            advice,
         )
 
 
@@ -97,18 +111,29 @@ def _speeds(robot: RobotModel, motor: Motor) -> Iterator[Finding]:
         unit = f"{joint.unit}/s"
         if motor.speed_max:
             text = f"speed of {name} at the largest motor speed"
-            yield make_finding(key, text, motor.speed_max / abs(ratio), unit, usual, f"{advice}; or the ratio")
+            yield make_finding(
+                key, text, motor.speed_max / abs(ratio), unit, usual, f"{advice}; or the ratio"
+            )
         assert joint.dof is not None
         if joint.dof.speed_max:
-            advice_joint = f"speed_max in {unit}" + ": 180 degrees/s are 3.14 rad/s" * (joint.unit == "rad")
+            advice_joint = f"speed_max in {unit}" + ": 180 degrees/s are 3.14 rad/s" * (
+                joint.unit == "rad"
+            )
             yield make_finding(
-                f"{dof_key(joint)}.speed_max", "joint speed", joint.dof.speed_max, unit, usual, advice_joint
+                f"{dof_key(joint)}.speed_max",
+                "joint speed",
+                joint.dof.speed_max,
+                unit,
+                usual,
+                advice_joint,
             )
 
 
 def springs(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Finding]:
     """Natural frequency, damping ratio and static deflection of each spring, all other coordinates locked."""
-    gear_of = {i: (g, *gear) for g, (i, gear) in enumerate(zip(robot.i_g, gears(robot), strict=True))}
+    gear_of = {
+        i: (g, *gear) for g, (i, gear) in enumerate(zip(robot.i_g, gears(robot), strict=True))
+    }
     for i, joint in enumerate(robot.coordinates):
         dof, inertia = joint.dof, float(M[i, i])
         if dof is None or inertia <= 0.0:
@@ -117,7 +142,12 @@ def springs(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Fin
             g, gear, side = gear_of[i]
             if gear.spring is None:
                 continue
-            key, spring, damping, factor = f"{dof_key(joint)}.gear", gear.spring, gear.damping, side**2
+            key, spring, damping, factor = (
+                f"{dof_key(joint)}.gear",
+                gear.spring,
+                gear.damping,
+                side**2,
+            )
             K = stiffness(spring)[0] * factor
             deflection = float(rest.tau_g[g]) / K
         else:
@@ -126,25 +156,40 @@ def springs(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Fin
             K = stiffness(spring)[0]
             deflection = float(rest.q_a[i])
         if K > 0.0:
-            yield from _spring(joint, key, stiffness(spring)[1], (K, damping * factor, inertia, abs(deflection)))
+            yield from _spring(
+                joint, key, stiffness(spring)[1], (K, damping * factor, inertia, abs(deflection))
+            )
 
 
-def _spring(joint: Coordinate, key: str, name: str, numbers: tuple[float, float, float, float]) -> Iterator[Finding]:
+def _spring(
+    joint: Coordinate, key: str, name: str, numbers: tuple[float, float, float, float]
+) -> Iterator[Finding]:
     """Findings for one spring: stiffness, damping and inertia on the arm side, and the deflection under gravity."""
     K, D, inertia, deflection = numbers
     unit = "N m/rad" if joint.unit == "rad" else "N/m"
-    by_degree = ": 1 N m/deg is 57.3 N m/rad, 1 N m/arcmin is 3438" if joint.unit == "rad" else ": 1 N/um is 1e6"
-    place, advice = f"{key}.spring.{name}", f"stiffness in {unit}{by_degree}; side of the gear; masses and inertias"
+    by_degree = (
+        ": 1 N m/deg is 57.3 N m/rad, 1 N m/arcmin is 3438"
+        if joint.unit == "rad"
+        else ": 1 N/um is 1e6"
+    )
+    place, advice = (
+        f"{key}.spring.{name}",
+        f"stiffness in {unit}{by_degree}; side of the gear; masses and inertias",
+    )
     frequency = math.sqrt(K / inertia) / (2 * math.pi)
     yield make_finding(place, "lowest mode of the spring", frequency, "Hz", FREQUENCY, advice)
     usual = SAG if joint.unit == "rad" else SAG_TRANSLATION
     if deflection > 0.0:
-        yield make_finding(place, "deflection by gravity at home", deflection, joint.unit, usual, advice)
+        yield make_finding(
+            place, "deflection by gravity at home", deflection, joint.unit, usual, advice
+        )
     ratio = D / (2.0 * math.sqrt(K * inertia))
     advice = f"damping in {unit.replace('/', ' s/')} on the side of the spring, or the stiffness"
     if D == 0.0:
         text = "0: no damping"
-        yield Finding(UNUSUAL, f"{key}.damping", "damping ratio of the spring", text, str(DAMPING), advice)
+        yield Finding(
+            UNUSUAL, f"{key}.damping", "damping ratio of the spring", text, str(DAMPING), advice
+        )
         return
     name = "damping ratio of the spring" + ", overdamped" * (ratio >= 1.0)
     yield make_finding(f"{key}.damping", name, ratio, "", DAMPING, advice)
@@ -164,7 +209,9 @@ def bodies(robot: RobotModel) -> Iterator[Finding]:
     """Mass against inertia, inertia against size, and mass against the other bodies."""
     named = [(f"element.{element.name}.body", element.body) for element in robot.elements]
     named += [("payload", robot.payload)]
-    beams = sum(e.beam.mass_per_length * e.beam.length for e in robot.elements if e.beam is not None)
+    beams = sum(
+        e.beam.mass_per_length * e.beam.length for e in robot.elements if e.beam is not None
+    )
     total = sum(body.mass for _, body in named) + beams
     length = _length(robot)
     for key, body in named:
@@ -175,7 +222,9 @@ def bodies(robot: RobotModel) -> Iterator[Finding]:
             yield from _shape(key, body, trace, length)
         if total > body.mass * (1.0 + 1e-9):
             share, advice = body.mass / (total - body.mass), "mass in kg: 1 g is 1e-3"
-            yield make_finding(f"{key}.mass", "mass to that of all other bodies", share, "", SHARE, advice)
+            yield make_finding(
+                f"{key}.mass", "mass to that of all other bodies", share, "", SHARE, advice
+            )
 
 
 def _shape(key: str, body: Body, trace: float, length: float) -> Iterator[Finding]:
@@ -183,11 +232,20 @@ def _shape(key: str, body: Body, trace: float, length: float) -> Iterator[Findin
     radius = (3.0 * body.mass / (4.0 * math.pi * STEEL)) ** (1.0 / 3.0)
     dense = trace / (1.2 * body.mass * radius**2)  # 3 times 2/5 m r^2
     advice = "mass in kg (1 g is 1e-3), or the inertia in kg m^2"
-    yield make_finding(f"{key}.mass", "inertia to that of a steel ball of this mass", dense, "", DENSITY, advice)
+    yield make_finding(
+        f"{key}.mass", "inertia to that of a steel ball of this mass", dense, "", DENSITY, advice
+    )
     if length > 0.0:
         size = trace / (2.0 * body.mass * length**2)
         advice = "inertia in kg m^2: 1 g cm^2 is 1e-7, 1 kg mm^2 is 1e-6; or the mass in kg"
-        yield make_finding(f"{key}.inertia", "inertia to mass times length of the arm squared", size, "", SIZE, advice)
+        yield make_finding(
+            f"{key}.inertia",
+            "inertia to mass times length of the arm squared",
+            size,
+            "",
+            SIZE,
+            advice,
+        )
 
 
 def _length(robot: RobotModel) -> float:
@@ -195,7 +253,9 @@ def _length(robot: RobotModel) -> float:
     places = [place for e in robot.elements for place in (e.origin, e.link)] + [robot.tool]
     beams = sum(element.beam.length for element in robot.elements if element.beam is not None)
     centers = max((float(np.linalg.norm(e.body.com)) for e in robot.elements), default=0.0)
-    return max(sum(float(np.linalg.norm(place.position)) for place in places) + beams, 2.0 * centers)
+    return max(
+        sum(float(np.linalg.norm(place.position)) for place in places) + beams, 2.0 * centers
+    )
 
 
 def report_overdamped(poles: np.ndarray, slow: float) -> Finding:
@@ -207,4 +267,6 @@ def report_overdamped(poles: np.ndarray, slow: float) -> Finding:
     if not real:
         return Finding(OK, "modes", "overdamped modes", "none", "none, or by friction at rest")
     shown = ", ".join(f"{value:.4g}" for value in real[:6]) + (", ..." if len(real) > 6 else "")
-    return Finding(OK, "modes", "overdamped modes (real poles)", f"{shown} 1/s", "none, or by friction at rest")
+    return Finding(
+        OK, "modes", "overdamped modes (real poles)", f"{shown} 1/s", "none, or by friction at rest"
+    )

@@ -34,12 +34,25 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
     title = f"{model.title}: zeros along the path"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.3 * len(drawn), title)
     times = np.broadcast_to(path.t[:, None], path.zeros.shape)
-    for ax, (name, label, here) in zip(figure.subplots(len(drawn), 1, squeeze=False)[:, 0], drawn, strict=True):
+    for ax, (name, label, here) in zip(
+        figure.subplots(len(drawn), 1, squeeze=False)[:, 0], drawn, strict=True
+    ):
         unstable = name == "unstable zeros"
         color = cv.COLORS[1 if unstable else 0]
-        for mask, marker, kind in ((here & ~oscillatory, "o", "real zero"), (here & oscillatory, "D", "complex pair")):
+        for mask, marker, kind in (
+            (here & ~oscillatory, "o", "real zero"),
+            (here & oscillatory, "D", "complex pair"),
+        ):
             if mask.any():
-                ax.semilogy(times[mask], np.abs(real[mask]), marker, ms=3, mfc="none", color=color, label=kind)
+                ax.semilogy(
+                    times[mask],
+                    np.abs(real[mask]),
+                    marker,
+                    ms=3,
+                    mfc="none",
+                    color=color,
+                    label=kind,
+                )
         sizes = np.abs(real[here])
         ax.set_ylim(sizes.min() / 1.3, 1.3 * sizes.max())
         cv.log_axis(ax.yaxis)
@@ -59,7 +72,9 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
 @cv.apply_style
 def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Figure:
     """Simulated tool error over time on a logarithmic axis, one line per method."""
-    found = {solution.method: (solution.trajectory.time, error_sizes(solution)) for solution in solutions}
+    found = {
+        solution.method: (solution.trajectory.time, error_sizes(solution)) for solution in solutions
+    }
     units = [u for u in ("m", "rad") if any(u in errors for _, errors in found.values())]
     if not units:
         raise ArgumentError(
@@ -67,7 +82,11 @@ def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Fig
         )
     one = solutions[0]
     first = min(float(t[0]) for t, _ in found.values())
-    window = max(first, -0.06 * one.move.duration), one.move.duration, max(float(t[-1]) for t, _ in found.values())
+    window = (
+        max(first, -0.06 * one.move.duration),
+        one.move.duration,
+        max(float(t[-1]) for t, _ in found.values()),
+    )
     title = f"{model.title}, move {one.move.name}: tool error by method, start on the path"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.5 * len(units), title)
     for ax, unit in zip(figure.subplots(len(units), 1, squeeze=False)[:, 0], units, strict=True):
@@ -85,7 +104,9 @@ def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Fig
         ax.set_ylabel(("distance, " if unit == "m" else "angle, ") + shown)
         cv.time_axis(ax, *window)
         ax.legend(
-            loc="center left", bbox_to_anchor=(1.0, 0.5), title=f"largest {'distance' if unit == 'm' else 'angle'}"
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            title=f"largest {'distance' if unit == 'm' else 'angle'}",
         )
     return figure
 

@@ -38,7 +38,8 @@ DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 WIDTH = 8.6  # inches
 AFTER = 3.0  # durations of a path, at most, are drawn after its end
 BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}  # of a text over lines
-_PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))  # least value, factor, prefix
+# least value, factor, prefix
+_PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))
 
 _OURS = re.compile(
     r"(axes|font|grid|hatch|legend|lines|mathtext|patch|path|svg|text|[xy]tick|[xy]axis|scatter|markers)\."
@@ -103,9 +104,13 @@ def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
     """
     path = Path(path)
     if path.suffix not in (".svg", ".png"):
-        raise ArgumentError(f"figure: given {path.name!r}, expected a file name ending in .svg or .png")
+        raise ArgumentError(
+            f"figure: given {path.name!r}, expected a file name ending in .svg or .png"
+        )
     if path.suffix == ".svg":
-        return write_text(path, f'<?xml version="1.0" encoding="utf-8"?>\n<!-- flexgen -->\n{svg(figure)}')
+        return write_text(
+            path, f'<?xml version="1.0" encoding="utf-8"?>\n<!-- flexgen -->\n{svg(figure)}'
+        )
     figure.set_dpi(dpi)
     with atomic_file(path) as stream:
         FigureCanvasAgg(figure).print_png(stream, metadata={"Software": "flexgen"})
@@ -120,7 +125,9 @@ def power(x: float, _: Any = None) -> str:
     if x == 0:
         return "0"
     size = round(np.log10(abs(x)))
-    raised = {0: "1", 1: "10"}.get(size, "10" + str(size).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")))
+    raised = {0: "1", 1: "10"}.get(
+        size, "10" + str(size).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    )
     return f"\N{MINUS SIGN}{raised}" if x < 0 else raised
 
 
@@ -169,7 +176,10 @@ def path_end(equations: Equations, trajectory: Trajectory) -> float:
     found_end = float(t[min(int(np.flatnonzero(moving).max(initial=0)) + 1, len(t) - 1)])
     # the last changes of a smooth law are below rounding: use the duration of the move if it is in the model
     for move in equations.model.moves:
-        if move.name == trajectory.meta.get("move") and 0 <= move.duration - found_end <= 0.1 * move.duration:
+        if (
+            move.name == trajectory.meta.get("move")
+            and 0 <= move.duration - found_end <= 0.1 * move.duration
+        ):
             return move.duration
     return found_end
 
@@ -229,11 +239,17 @@ class NotebookFigure(Figure):
 
 def new_figure(width: float, height: float, title: str, layout: bool = True) -> Figure:
     """An empty white figure with the title on the left; sizes in inches; ``layout``: automatic layout of the axes."""
-    engine = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, hspace=0.03, wspace=0.03) if layout else None
+    engine = (
+        ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, hspace=0.03, wspace=0.03)
+        if layout
+        else None
+    )
     figure = NotebookFigure(figsize=(width, height), layout=engine, facecolor="white")
     FigureCanvasAgg(figure)
     if title:
         position = {} if layout else {"y": 1 - 0.07 / height}  # y switches the automatic layout off
         size = min(11.0, 104.0 * width / len(title))  # smaller for long titles
-        figure.suptitle(title, x=0.07 / width, ha="left", va="top", fontsize=size, fontweight="bold", **position)
+        figure.suptitle(
+            title, x=0.07 / width, ha="left", va="top", fontsize=size, fontweight="bold", **position
+        )
     return figure

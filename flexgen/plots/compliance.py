@@ -27,7 +27,9 @@ def compliance_plot(analysis: Analysis) -> Figure:
     """
     found = analysis.compliance
     assert found is not None  # the caller has looked
-    figure = cv.new_figure(cv.WIDTH, 6.4, f"{analysis.model.title}: compliance of the tool with held motors")
+    figure = cv.new_figure(
+        cv.WIDTH, 6.4, f"{analysis.model.title}: compliance of the tool with held motors"
+    )
     upper, lower = figure.subfigures(2, 1, height_ratios=[2.6, 3.4])
     _draw_ellipses(upper, found)
     _draw_response(lower, found)
@@ -59,7 +61,13 @@ def _draw_response(figure: Any, found: ToolCompliance) -> None:
     ax = figure.subplots()
     for k, name in enumerate(AXES):
         if response[:, k].max(initial=0.0) > 1e-9 * response.max(initial=0.0):
-            ax.plot(f, 1e6 * response[:, k], color=cv.COLORS[k], lw=1.3, label=f"{name} by a force along {name}")
+            ax.plot(
+                f,
+                1e6 * response[:, k],
+                color=cv.COLORS[k],
+                lw=1.3,
+                label=f"{name} by a force along {name}",
+            )
     if len(f):
         ax.set(xscale="log", yscale="log", xlim=(f[0], f[-1]))
         for axis in (ax.xaxis, ax.yaxis):

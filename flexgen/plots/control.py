@@ -40,7 +40,9 @@ def plot_control(run: ControlRun) -> Figure:
         if r.failure:
             top.plot([], [], color=color, label=f"{r.name}: {r.failure}")
             continue
-        top.plot(time, factor * run.distance(r), color=color, lw=1.8 if k == 0 else 1.1, label=r.name)
+        top.plot(
+            time, factor * run.distance(r), color=color, lw=1.8 if k == 0 else 1.1, label=r.name
+        )
     if len(good) > 1:
         stack = np.array([factor * run.distance(r) for r in good])
         top.fill_between(time, stack.min(axis=0), stack.max(axis=0), color=cv.SKY, alpha=0.15, lw=0)
@@ -65,7 +67,10 @@ def _plot_force(ax: Any, run: ControlRun) -> None:
     """The force of the process on the tool, and dashed that of the feedforward."""
     assert run.force is not None
     for k, label in enumerate(LABELS):
-        for values, dashes in ((run.force[:, k], cv.DASHES[0]), (run.assumed_force[:, k], cv.DASHES[1])):
+        for values, dashes in (
+            (run.force[:, k], cv.DASHES[0]),
+            (run.assumed_force[:, k], cv.DASHES[1]),
+        ):
             if values.any():
                 word = label if dashes == cv.DASHES[0] else f"{label}, assumed"
                 ax.plot(run.reference.time, values, color=COLORS[k], ls=dashes, lw=1.0, label=word)
@@ -117,7 +122,9 @@ def plot_loops(run: ControlRun) -> Figure | None:
 def plot_score(score: Score) -> Figure:
     """The nominal run, measures over those of the reference controller, and the scores of all robots."""
     s = score.scenario
-    figure = cv.new_figure(cv.WIDTH, 7.4, f"{s.name} version {s.version}: controller {score.controller}")
+    figure = cv.new_figure(
+        cv.WIDTH, 7.4, f"{s.name} version {s.version}: controller {score.controller}"
+    )
     run, bars, robots = figure.subplots(3, 1, height_ratios=(1.2, 1.6, 0.9))
     z = score.traces["z"]
     time = s.sample_s * np.arange(len(z))
@@ -125,7 +132,13 @@ def plot_score(score: Score) -> Figure:
         run.plot(time, z[:, k], color=COLORS[k], lw=0.8, label=output.name)
     for k, d in enumerate(draws_of(s, score.seed)[0].disturbances):
         end = min(d.end_s, s.duration_s) if np.isfinite(d.end_s) else d.start_s + 0.05
-        run.axvspan(d.start_s, max(end, d.start_s + 0.05), color=COLORS[(k + 2) % len(COLORS)], alpha=0.15, lw=0)
+        run.axvspan(
+            d.start_s,
+            max(end, d.start_s + 0.05),
+            color=COLORS[(k + 2) % len(COLORS)],
+            alpha=0.15,
+            lw=0,
+        )
     run.set_xlabel("time, s (colored: disturbances)")
     run.set_ylabel(", ".join(dict.fromkeys(f"{o.name}, {o.unit}" for o in s.outputs)))
     run.set_title("nominal robot" if s.plan is None else "nominal robot, first draw")
@@ -137,7 +150,9 @@ def plot_score(score: Score) -> Figure:
     robots.bar(at, score.each if score.accepted else np.zeros(len(names)), color=cv.BLUE)
     if len(score.totals) > 1:
         own = score.per_draw
-        robots.errorbar(at, own.mean(axis=0), yerr=own.std(axis=0, ddof=1), fmt="none", ecolor=cv.INK, lw=0.8)
+        robots.errorbar(
+            at, own.mean(axis=0), yerr=own.std(axis=0, ddof=1), fmt="none", ecolor=cv.INK, lw=0.8
+        )
     robots.axhline(1.0, color=cv.INK, lw=0.7)
     robots.set_xticks(at, names, rotation=60, ha="right", fontsize=7)
     robots.set_title(
@@ -172,7 +187,9 @@ def _bars(ax: Any, score: Score) -> None:
 def plot_learned(learned: LearningResult) -> Figure:
     """Largest error of every iteration, errors in time without correction and in the best one, and the correction."""
     first, best = learned.runs[0], learned.runs[learned.best]
-    figure = cv.new_figure(cv.WIDTH, 6.0, f"{first.model.title}: learning of move {first.solution.move.name}")
+    figure = cv.new_figure(
+        cv.WIDTH, 6.0, f"{first.model.title}: learning of move {first.solution.move.name}"
+    )
     top, middle, bottom = figure.subplots(3, 1, height_ratios=(1.0, 1.2, 1.0))
     errors, unit = 1e3 * np.array(learned.errors), f"m{learned.unit}"
     top.semilogy(np.arange(len(errors)), errors, "o-", color=cv.BLUE)
@@ -182,8 +199,13 @@ def plot_learned(learned: LearningResult) -> Figure:
     top.xaxis.get_major_locator().set_params(integer=True)
     cv.log_axis(top.yaxis)
     top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    for run, color, label in ((first, cv.GREY, "before learning"), (best, cv.BLUE, f"iteration {learned.best}")):
-        middle.plot(run.reference.time, 1e3 * run.distance(run[learned.plant]), color=color, label=label)
+    for run, color, label in (
+        (first, cv.GREY, "before learning"),
+        (best, cv.BLUE, f"iteration {learned.best}"),
+    ):
+        middle.plot(
+            run.reference.time, 1e3 * run.distance(run[learned.plant]), color=color, label=label
+        )
     middle.set_ylabel(f"error, {unit}")
     middle.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     correction = learned.corrections[learned.best]

@@ -22,7 +22,9 @@ def plot_feedback_study(study: FeedbackStudy) -> Figure:
     for ax, setting in zip(panels, settings, strict=True):
         for family in FAMILIES:
             good = [
-                t for t in study.of(setting, family) if t.worst_m < LARGEST_M and 0 < t.torque_noise_Nm < LOUDEST_NM
+                t
+                for t in study.of(setting, family)
+                if t.worst_m < LARGEST_M and 0 < t.torque_noise_Nm < LOUDEST_NM
             ]
             if not good:
                 continue

@@ -26,7 +26,11 @@ def plot_loops(found: GearFit) -> Figure:
         unit = "mrad" if units[name] == "rad" else "mm"
         ax.plot(1e3 * d, measured, ".", ms=1.5, color=cv.GREY, label="record")
         ax.plot(1e3 * d, z, lw=0.8, color=cv.BLUE, label="model")
-        ax.set(title=name, xlabel=f"deflection, {unit}", ylabel="z, N m" if units[name] == "rad" else "z, N")
+        ax.set(
+            title=name,
+            xlabel=f"deflection, {unit}",
+            ylabel="z, N m" if units[name] == "rad" else "z, N",
+        )
     for ax in axes[count:]:
         ax.set_visible(False)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

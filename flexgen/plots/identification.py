@@ -19,7 +19,9 @@ MEDIAN, HIGH = np.sqrt(np.log(2.0)), np.sqrt(-np.log(0.05))
 
 
 @cv.apply_style
-def response_grid(data: Frf, identified: IdentificationResult | None = None, pose: int = 0) -> Figure:
+def response_grid(
+    data: Frf, identified: IdentificationResult | None = None, pose: int = 0
+) -> Figure:
     """Measured responses from each torque to each acceleration with their 95 % bands, and those of the model.
 
     Parameters
@@ -44,11 +46,15 @@ def response_grid(data: Frf, identified: IdentificationResult | None = None, pos
             ("identified", identified.x, {"color": cv.RED, "lw": 1.2}),
         ):
             models.append((label, np.abs(residuals.response(x).G[pose]), style))
-    size, sd = np.abs(data.G[pose]), np.sqrt(data.variance[pose] / 2)  # of the amplitude: half of the complex variance
+    # of the amplitude: half of the complex variance
+    size, sd = np.abs(data.G[pose]), np.sqrt(data.variance[pose] / 2)
     for a in range(rows):
         for b in range(n):
             ax = axes[a, b]
-            band = [np.maximum(size[:, a, b] + s * QUANTILE * sd[:, a, b], 1e-3 * size[:, a, b]) for s in (-1, 1)]
+            band = [
+                np.maximum(size[:, a, b] + s * QUANTILE * sd[:, a, b], 1e-3 * size[:, a, b])
+                for s in (-1, 1)
+            ]
             ax.fill_between(hz, *band, color=cv.SKY, alpha=0.5, lw=0)
             ax.plot(hz, size[:, a, b], ".", ms=2.5, color=cv.BLUE, label="measured, 95 % band")
             for label, G, style in models:
@@ -118,12 +124,18 @@ def parameter_plot(identified: IdentificationResult) -> Figure:
     groups = [g for g in _split([u.name for u in unknowns]) if g]
     rows = [max(len(g), 3) for g in groups]
     height = 0.19 * sum(rows) + 0.7 * len(groups) + 0.5
-    figure = cv.new_figure(cv.WIDTH, height, f"{identified.vector.model.title}: identified over the model file")
+    figure = cv.new_figure(
+        cv.WIDTH, height, f"{identified.vector.model.title}: identified over the model file"
+    )
     axes = figure.subplots(len(groups), 1, squeeze=False, gridspec_kw={"height_ratios": rows})[:, 0]
     in_file = {u.name: u.parameter.value for u in unknowns}
     for ax, names in zip(axes, groups, strict=True):
         _draw_parameters(ax, identified, names, in_file)
-    words = "bars: two standard deviations" if identified.status.has_deviations else "no standard deviations"
+    words = (
+        "bars: two standard deviations"
+        if identified.status.has_deviations
+        else "no standard deviations"
+    )
     axes[-1].set_xlabel(f"value / value of the model file   ({words}; grey: not determined)")
     return figure
 
@@ -134,7 +146,9 @@ def _split(names: list[str]) -> tuple[list[str], list[str]]:
     return [name for name in names if name not in frictions], frictions
 
 
-def _draw_parameters(ax: Any, identified: IdentificationResult, names: list[str], in_file: dict[str, float]) -> None:
+def _draw_parameters(
+    ax: Any, identified: IdentificationResult, names: list[str], in_file: dict[str, float]
+) -> None:
     sd, values = identified.sd, identified.values
     for k, name in enumerate(names):
         color = cv.GREY if identified.is_weak(name) else cv.BLUE
@@ -158,7 +172,9 @@ def correlation_plot(identified: IdentificationResult) -> Figure:
     """Correlations of the identified parameters."""
     names = identified.vector.names
     size = max(4.0, 0.19 * len(names) + 1.8)
-    figure = cv.new_figure(size + 0.8, size, f"{identified.vector.model.title}: correlations of parameters")
+    figure = cv.new_figure(
+        size + 0.8, size, f"{identified.vector.model.title}: correlations of parameters"
+    )
     ax = figure.add_subplot()
     image = ax.imshow(identified.correlation, cmap="RdBu_r", vmin=-1, vmax=1)
     ax.set_xticks(range(len(names)), names, rotation=90)

@@ -53,7 +53,14 @@ def _label_multiples(ax: Any, roots: np.ndarray, offset: tuple[float, float]) ->
         left = [x for x in left if abs(x - z) > 0.02 * abs(z) + 1e-9]
         if same:
             text = f"\N{MULTIPLICATION SIGN}{len(same) + 1}"
-            ax.annotate(text, (z.real, z.imag), xytext=offset, textcoords="offset points", fontsize=8, color=cv.INK)
+            ax.annotate(
+                text,
+                (z.real, z.imag),
+                xytext=offset,
+                textcoords="offset points",
+                fontsize=8,
+                color=cv.INK,
+            )
 
 
 def phase_summary(analysis: Analysis) -> str:
@@ -63,13 +70,17 @@ def phase_summary(analysis: Analysis) -> str:
         slowest = report.unstable_time_constant_s * 1e3
         return f"non-minimum phase, time constant of the slowest unstable zero {slowest:.3g} ms"
     words = {"flat": "no zeros (flat output)", "minimum phase": "minimum phase, no unstable zero"}
-    return words.get(report.phase, "phase unknown, because the numbers of outputs and motors differ")
+    return words.get(
+        report.phase, "phase unknown, because the numbers of outputs and motors differ"
+    )
 
 
 def falls_under_gravity(analysis: Analysis) -> bool:
     """Whether the arm falls under gravity with free motors: it has a slow real pole in the right half plane."""
     poles, top = analysis.poles, float(np.abs(analysis.poles).max(initial=0.0))
-    slow = (np.abs(poles.imag) <= 1e-9 * top) & (poles.real > 1e-6 * top) & (poles.real < 0.05 * top)
+    slow = (
+        (np.abs(poles.imag) <= 1e-9 * top) & (poles.real > 1e-6 * top) & (poles.real < 0.05 * top)
+    )
     return any(analysis.model.gravity) and bool(slow.any())
 
 
@@ -116,7 +127,14 @@ def _draw_roots(figure: Any, analysis: Analysis) -> None:
     if len(zeros):
         unstable = zeros.real > ON_AXIS * np.abs(zeros)
         style: dict[str, Any] = {"ms": 7.5, "mfc": "none", "mew": 1.7}
-        ax.plot(zeros[~unstable].real, zeros[~unstable].imag, "o", mec=cv.GREEN, label="zeros of the output", **style)
+        ax.plot(
+            zeros[~unstable].real,
+            zeros[~unstable].imag,
+            "o",
+            mec=cv.GREEN,
+            label="zeros of the output",
+            **style,
+        )
         if unstable.any():
             ax.plot(
                 zeros[unstable].real,
@@ -133,7 +151,16 @@ def _draw_roots(figure: Any, analysis: Analysis) -> None:
     if far:
         note = f"{far} root{'s' if far > 1 else ''} above {cv.power(FAR)} 1/s not drawn"
         ax.text(0.99, 0.02, note, transform=ax.transAxes, ha="right", fontsize=8, color=cv.GREY)
-    ax.text(0.99, 0.98, "unstable", transform=ax.transAxes, ha="right", va="top", color=cv.RED, fontsize=8.5)
+    ax.text(
+        0.99,
+        0.98,
+        "unstable",
+        transform=ax.transAxes,
+        ha="right",
+        va="top",
+        color=cv.RED,
+        fontsize=8.5,
+    )
     figure.legend(loc="outside lower center", ncols=4, handletextpad=0.3, columnspacing=1.4)
 
 
@@ -173,25 +200,44 @@ def _draw_response(figure: Any, analysis: Analysis) -> None:
     found = elastic_modes(analysis)
     low, high = (found[0][0] / 8, found[-1][0] * 6) if found else (0.1, 100.0)
     f = np.unique(
-        np.concatenate([np.geomspace(low, high, 700), *(x * (1 + d * np.linspace(-4, 4, 41)) for x, d in found)])
+        np.concatenate(
+            [
+                np.geomspace(low, high, 700),
+                *(x * (1 + d * np.linspace(-4, 4, 41)) for x, d in found),
+            ]
+        )
     )
     w = 2 * np.pi * f[(f >= low) & (f <= high)]
     position = slice(0, 3) if model.output.type == "tool_pose" else slice(None)
     to_motor, to_output = (
-        w[:, None, None] ** 2 * np.abs(linear.response(w, C)) for C in (linear.C_m, linear.W[position])
+        w[:, None, None] ** 2 * np.abs(linear.response(w, C))
+        for C in (linear.C_m, linear.W[position])
     )
     unit = model.output.unit if model.output.type == "combination" else "m"
     name = "output" if model.output.type == "combination" else "tool"
     panels = [
-        (np.einsum("kjj->kj", to_motor), "motor torque to acceleration of the same motor", "rad/s²"),
-        (np.linalg.norm(to_output, axis=1), f"motor torque to acceleration of the {name}", f"{unit}/s²"),
+        (
+            np.einsum("kjj->kj", to_motor),
+            "motor torque to acceleration of the same motor",
+            "rad/s²",
+        ),
+        (
+            np.linalg.norm(to_output, axis=1),
+            f"motor torque to acceleration of the {name}",
+            f"{unit}/s²",
+        ),
     ]
     axes = figure.subplots(2, 1, sharex=True)
     for ax, (values, title, of) in zip(axes, panels, strict=True):
         level = 20 * np.log10(np.maximum(values, 1e-300))
         for j, motor in enumerate(model.motors):
             ax.plot(
-                w / 2 / np.pi, level[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], lw=1.3, label=motor.name
+                w / 2 / np.pi,
+                level[:, j],
+                color=cv.COLORS[j % 7],
+                ls=cv.DASHES[j // 7 % 3],
+                lw=1.3,
+                label=motor.name,
             )
         top = level.max()
         ax.set_ylim(max(level.min(), top - 200) - 6, top + 8)
@@ -200,7 +246,9 @@ def _draw_response(figure: Any, analysis: Analysis) -> None:
         for frequency, _ in found:
             ax.axvline(frequency, color=cv.GREY, lw=0.6, ls=(0, (6, 4)), zorder=0)
     axes[1].set(xscale="log", xlim=(low, high), xlabel="frequency, Hz")
-    axes[1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 500 * low else (1.0,)))
+    axes[1].xaxis.set_major_locator(
+        LogLocator(subs=(1.0, 2.0, 5.0) if high < 500 * low else (1.0,))
+    )
     axes[1].xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes[1].xaxis.set_minor_formatter(NullFormatter())
     placed = 0.0

@@ -19,12 +19,17 @@ SMALLEST = 1e-12  # m or rad: smaller errors are drawn as this
 def plot_commands(found: PositionCommands) -> Figure:
     """Commanded joints, what they add to the joints of the arm, and the errors with and without the inverse."""
     model, move = found.run.model, found.run.solution.move.name
-    figure = cv.new_figure(cv.WIDTH, 6.6, f"{model.title}, move {move}: positions to send, {found.status}")
+    figure = cv.new_figure(
+        cv.WIDTH, 6.6, f"{model.title}, move {move}: positions to send, {found.status}"
+    )
     top, middle, below = figure.subplots(3, 1)
     unit = " or ".join(dict.fromkeys("mm" if unit == "m" else "deg" for unit in found.units))
     factor = np.array([1e3 if own == "m" else 180 / np.pi for own in found.units])
     planned = found.run.solution.trajectory
-    at = planned.at(np.clip(found.time, planned.time[0], planned.time[-1]))["q_m"] @ np.linalg.inv(model.eta).T
+    at = (
+        planned.at(np.clip(found.time, planned.time[0], planned.time[-1]))["q_m"]
+        @ np.linalg.inv(model.eta).T
+    )
     for ax, values, label in (
         (top, found.joint, f"commanded, {unit}"),
         (middle, found.joint - at, f"minus planned, {unit}"),
@@ -32,7 +37,10 @@ def plot_commands(found: PositionCommands) -> Figure:
         lines = ax.plot(found.time, factor * values, lw=1.2)
         ax.set_ylabel(label)
         ax.legend(lines, found.joints, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    for run, color, label in ((found.today, cv.RED, "planned motor angles"), (found.run, cv.BLUE, "these positions")):
+    for run, color, label in (
+        (found.today, cv.RED, "planned motor angles"),
+        (found.run, cv.BLUE, "these positions"),
+    ):
         _plot_error(below, run, color, label)
     below.set(xlabel="time, s", ylabel=f"tool error, {found.run.unit}", yscale="log")
     cv.log_axis(below.yaxis)
@@ -43,7 +51,13 @@ def plot_commands(found: PositionCommands) -> Figure:
 
 
 def _plot_error(ax: Any, run: ControlRun, color: str, label: str) -> None:
-    ax.plot(run.reference.time, np.maximum(run.distance(run.nominal), SMALLEST), color=color, lw=1.2, label=label)
+    ax.plot(
+        run.reference.time,
+        np.maximum(run.distance(run.nominal), SMALLEST),
+        color=color,
+        lw=1.2,
+        label=label,
+    )
 
 
 @cv.apply_style
@@ -55,7 +69,9 @@ def plot_fit(found: ServoFit) -> Figure:
     top.plot(record.time, record.command - record.angle, lw=1.0)
     top.set(xlabel="time, s", ylabel="command minus angle, rad or m")
     x = np.arange(len(found.motors))
-    for k, (name, color) in enumerate(zip(("position", "speed", "integral"), cv.COLORS, strict=False)):
+    for k, (name, color) in enumerate(
+        zip(("position", "speed", "integral"), cv.COLORS, strict=False)
+    ):
         below.errorbar(
             x + 0.15 * (k - 1),
             np.zeros(len(x)),

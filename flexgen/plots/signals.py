@@ -22,9 +22,12 @@ INSTANTS = 401
 def plot_trajectory(trajectory: Trajectory) -> Figure:
     """All channels over time."""
     rows = [
-        (f"{name}, {port.unit}", trajectory[name], trajectory.labels[name]) for name, port in trajectory.ports.items()
+        (f"{name}, {port.unit}", trajectory[name], trajectory.labels[name])
+        for name, port in trajectory.ports.items()
     ]
-    return _stacked(str(trajectory.meta.get("model", "trajectory")), "time, s", trajectory.time, rows)
+    return _stacked(
+        str(trajectory.meta.get("model", "trajectory")), "time, s", trajectory.time, rows
+    )
 
 
 def plot_simulation(simulation: Simulation) -> Figure:
@@ -45,7 +48,10 @@ def plot_path(path: Path) -> Figure:
     if len(set(units)) == 1:
         unit = f", {units[0]}"
     else:
-        unit, labels = "", tuple(f"{label}, {unit}" for label, unit in zip(labels, units, strict=True))
+        unit, labels = (
+            "",
+            tuple(f"{label}, {unit}" for label, unit in zip(labels, units, strict=True)),
+        )
     per = ("/s", "/s^2") if unit else ("", "")
     names = (f"y{unit}", f"dy{unit}{per[0]}", f"ddy{unit}{per[1]}")
     rows = [(name, y[:, :, k], labels) for k, name in enumerate(names)]
@@ -55,14 +61,26 @@ def plot_path(path: Path) -> Figure:
 def plot_arrays(result: Any) -> Figure:
     """The numbers of each array of a result over its rows; of derivatives the first."""
     arrays = [(field.name, getattr(result, field.name)) for field in fields(result)]
-    found = [(name, np.asarray(x)) for name, x in arrays if isinstance(x, np.ndarray) and x.ndim > 0]
-    rows = [(name, x.reshape(len(x), -1, x.shape[-1])[:, :, 0] if x.ndim > 2 else x, ()) for name, x in found]
+    found = [
+        (name, np.asarray(x)) for name, x in arrays if isinstance(x, np.ndarray) and x.ndim > 0
+    ]
+    rows = [
+        (name, x.reshape(len(x), -1, x.shape[-1])[:, :, 0] if x.ndim > 2 else x, ())
+        for name, x in found
+    ]
     longest = max(len(x) for _, x, _ in rows)
-    return _stacked(type(result).__name__, "row", np.arange(longest), [row for row in rows if len(row[1]) == longest])
+    return _stacked(
+        type(result).__name__,
+        "row",
+        np.arange(longest),
+        [row for row in rows if len(row[1]) == longest],
+    )
 
 
 @cv.apply_style
-def _stacked(title: str, below: str, x: np.ndarray, rows: list[tuple[str, np.ndarray, Any]]) -> Figure:
+def _stacked(
+    title: str, below: str, x: np.ndarray, rows: list[tuple[str, np.ndarray, Any]]
+) -> Figure:
     """An axis for each quantity, one below the other; labels of its columns in a legend."""
     figure = cv.new_figure(cv.WIDTH, 1.3 * len(rows) + 0.8, title)
     axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
@@ -70,6 +88,13 @@ def _stacked(title: str, below: str, x: np.ndarray, rows: list[tuple[str, np.nda
         lines = ax.plot(x, values)
         ax.set_ylabel(name)
         if len(labels):
-            ax.legend(lines, labels, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=7)
+            ax.legend(
+                lines,
+                labels,
+                loc="center left",
+                bbox_to_anchor=(1.0, 0.5),
+                frameon=False,
+                fontsize=7,
+            )
     axes[-1].set_xlabel(below)
     return figure

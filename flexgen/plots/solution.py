@@ -16,7 +16,12 @@ from flexgen.mechanics.motor_harmonics import gear_angles_along
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plots import canvas as cv
 from flexgen.plots.canvas import save, svg
-from flexgen.plots.linear import falls_under_gravity, frequency_response, phase_summary, pole_zero_map
+from flexgen.plots.linear import (
+    falls_under_gravity,
+    frequency_response,
+    phase_summary,
+    pole_zero_map,
+)
 from flexgen.plots.stick_figure import draw_view, handles, scene, spans
 from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
@@ -36,7 +41,8 @@ __all__ = [
     "torques",
 ]
 
-VISIBLE = 1e-3  # of the range of the torque: changes before the path that a panel on a linear axis shows
+# of the range of the torque: changes before the path that a panel on a linear axis shows
+VISIBLE = 1e-3
 EARLY = 1e-7  # of the range of the torque; smaller changes before the path are not drawn
 ROUNDING = 1e-12  # rad or m; smaller deflections are drawn as zero
 LEGEND = 2.9, 0.19  # inches: width, and height of an entry
@@ -51,7 +57,9 @@ def _title(equations: Equations, trajectory: Trajectory, text: str) -> str:
     return f"{equations.model.title}{f', move {move}' if move else ''}: {text}"
 
 
-def _window(equations: Equations, trajectory: Trajectory, end: float | None) -> tuple[float, float, float]:
+def _window(
+    equations: Equations, trajectory: Trajectory, end: float | None
+) -> tuple[float, float, float]:
     """Start of the plot, end of the path and end of the plot [s]."""
     stop = cv.path_end(equations, trajectory) if end is None else end
     return cv.begin(trajectory, stop), stop, float(min(trajectory.time[-1], cv.longest(stop)))
@@ -111,7 +119,8 @@ def _acts_early(trajectory: Trajectory, analysis: Analysis | None) -> bool:
     before = trajectory.time < 0
     if not before.any() or analysis is None or analysis.zeros.phase != "non-minimum phase":
         return False
-    if trajectory.meta.get("torque") == "limited":  # such a motion may start early because of its limits
+    # such a motion may start early because of its limits
+    if trajectory.meta.get("torque") == "limited":
         return False
     away, span = cv.hold(trajectory)
     return bool((away[before] > EARLY * np.maximum(span, 1e-12)).any())
@@ -129,17 +138,30 @@ def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> N
     shown = (t >= first) & (t <= last)
     for j, motor in enumerate(equations.model.motors):
         y = np.where(away[shown, j] > floor, away[shown, j], np.nan)
-        ax.semilogy(1e3 * t[shown], y, color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
+        ax.semilogy(
+            1e3 * t[shown], y, color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name
+        )
     top = float(away[shown].max())
     begun = float(away[t <= 0][-1].max())
     grid = np.linspace(first, 0.0, 50)
     line = 4 * begun * np.exp(grid / T)
     label = f"exp(t / {1e3 * T:.3g} ms)"
-    ax.plot(1e3 * grid[line > floor], line[line > floor], color=cv.INK, lw=1, ls=(0, (2, 2)), label=label)
+    ax.plot(
+        1e3 * grid[line > floor],
+        line[line > floor],
+        color=cv.INK,
+        lw=1,
+        ls=(0, (2, 2)),
+        label=label,
+    )
     cv.time_axis(ax, 1e3 * first, 1e3 * max(last, 1e-3) + 1, 1e3 * last)
     ax.set_ylim(max(floor, 1e-5 * begun), 3 * top)
     cv.log_axis(ax.yaxis)
-    ax.set(xlabel="time, ms", ylabel="change of torque, N m", title="torque before the path starts at t = 0")
+    ax.set(
+        xlabel="time, ms",
+        ylabel="change of torque, N m",
+        title="torque before the path starts at t = 0",
+    )
     ax.legend(loc="upper left", ncols=2 if equations.model.n_m > 3 else 1)
 
 
@@ -173,9 +195,13 @@ def torques(
     early = _acts_early(trajectory, analysis)
     rows = model.n_m if model.n_m <= 3 else -(-model.n_m // 2)
     height, extra = 0.7 + 1.55 * rows, 2.7 if early else 0.0
-    figure = cv.new_figure(cv.WIDTH, height + extra, _title(equations, trajectory, "motor torques, motor side"))
+    figure = cv.new_figure(
+        cv.WIDTH, height + extra, _title(equations, trajectory, "motor torques, motor side")
+    )
     parts: Any = figure.subfigures(2, 1, height_ratios=[height, extra]) if early else [figure]
-    bounds: Sequence[float | None] = [m.torque_max for m in model.motors] if limits is None else list(limits)
+    bounds: Sequence[float | None] = (
+        [m.torque_max for m in model.motors] if limits is None else list(limits)
+    )
     _per_motor(parts[0], equations, trajectory, "tau_m", bounds, window, "torque")
     if early and analysis is not None:
         _early(parts[1].subplots(), equations, trajectory, analysis.zeros.unstable_time_constant_s)
@@ -194,18 +220,29 @@ def speeds(
     """Motor speeds over time, one panel per motor [rad/s, motor side]; default limits: those of the model file."""
     model = equations.model
     rows = model.n_m if model.n_m <= 3 else -(-model.n_m // 2)
-    figure = cv.new_figure(cv.WIDTH, 0.7 + 1.55 * rows, _title(equations, trajectory, "motor speeds, motor side"))
-    bounds: Sequence[float | None] = [m.speed_max for m in model.motors] if limits is None else list(limits)
-    _per_motor(figure, equations, trajectory, "v_m", bounds, _window(equations, trajectory, end), "speed")
+    figure = cv.new_figure(
+        cv.WIDTH, 0.7 + 1.55 * rows, _title(equations, trajectory, "motor speeds, motor side")
+    )
+    bounds: Sequence[float | None] = (
+        [m.speed_max for m in model.motors] if limits is None else list(limits)
+    )
+    _per_motor(
+        figure, equations, trajectory, "v_m", bounds, _window(equations, trajectory, end), "speed"
+    )
     return figure
 
 
-def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[str, str, np.ndarray, list[str]]]:
+def elastic_groups(
+    equations: Equations, trajectory: Trajectory
+) -> list[tuple[str, str, np.ndarray, list[str]]]:
     """Groups of deflections: title, unit, values (n, k) and names of non-actuated coordinates and of gears."""
     model = equations.model
     q = trajectory["q_a"]
     groups = []
-    for unit, title in (("rad", "elastic joints without motor"), ("m", "elastic translations and beam deflections")):
+    for unit, title in (
+        ("rad", "elastic joints without motor"),
+        ("m", "elastic translations and beam deflections"),
+    ):
         chosen = [i for i in model.i_e if model.coordinates[i].unit == unit]
         groups.append((title, unit, q[:, chosen], [model.coordinates[i].name for i in chosen]))
     deflection = gear_angles_along(model, trajectory["q_m"]) - q[:, list(model.i_g)]
@@ -213,16 +250,27 @@ def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[s
         chosen = []
         for k, i in enumerate(model.i_g):
             dof = model.coordinates[i].dof
-            if model.coordinates[i].unit == unit and dof is not None and dof.gear is not None and not dof.gear.rigid:
+            if (
+                model.coordinates[i].unit == unit
+                and dof is not None
+                and dof.gear is not None
+                and not dof.gear.rigid
+            ):
                 chosen.append(k)
         names = [model.coordinates[model.i_g[k]].name for k in chosen]
-        groups.append(("deflection of the elastic gears, arm side", unit, deflection[:, chosen], names))
+        groups.append(
+            ("deflection of the elastic gears, arm side", unit, deflection[:, chosen], names)
+        )
     return [group for group in groups if group[3]]
 
 
 @cv.apply_style
 def deflections(
-    equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
+    equations: Equations,
+    trajectory: Trajectory,
+    simulation: Simulation | None = None,
+    *,
+    end: float | None = None,
 ) -> Figure:
     """Non-actuated coordinates and gear deflections over time; they include the sag under gravity.
 
@@ -231,12 +279,18 @@ def deflections(
     ArgumentError
         The model has no elastic coordinate or gear.
     """
-    groups, window, t = elastic_groups(equations, trajectory), _window(equations, trajectory, end), trajectory.time
+    groups, window, t = (
+        elastic_groups(equations, trajectory),
+        _window(equations, trajectory, end),
+        trajectory.time,
+    )
     if not groups:
         raise ArgumentError(
             f"deflections: model {equations.model.name} has only rigid gears and no elastic coordinate, expected one"
         )
-    figure = cv.new_figure(cv.WIDTH, 0.6 + 2.4 * len(groups), _title(equations, trajectory, "elastic deflections"))
+    figure = cv.new_figure(
+        cv.WIDTH, 0.6 + 2.4 * len(groups), _title(equations, trajectory, "elastic deflections")
+    )
     shown = (t >= window[0]) & (t <= window[2])
     for ax, (title, unit, values, names) in zip(
         figure.subplots(len(groups), 1, squeeze=False)[:, 0], groups, strict=True
@@ -245,7 +299,13 @@ def deflections(
         zero = top < ROUNDING
         factor, shown_unit = cv.choose_prefix(1e-3 if zero else top, unit)
         for k, name in enumerate(names):
-            ax.plot(t[shown], factor * values[shown, k], color=cv.COLORS[k % 7], ls=cv.DASHES[k // 7 % 3], label=name)
+            ax.plot(
+                t[shown],
+                factor * values[shown, k],
+                color=cv.COLORS[k % 7],
+                ls=cv.DASHES[k // 7 % 3],
+                label=name,
+            )
         ax.axhline(0.0, color=cv.GREY, lw=0.6, zorder=1)
         if zero:
             ax.set_ylim(-1.0, 1.0)
@@ -255,14 +315,18 @@ def deflections(
     return figure
 
 
-def _error_axis(ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: list[str], label: str) -> None:
+def _error_axis(
+    ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: list[str], label: str
+) -> None:
     """Absolute values on a logarithmic axis; the largest value as a title."""
     top = float(np.abs(values).max())
     factor, shown = cv.choose_prefix(top, unit)
     size = factor * np.abs(values)
     floor = factor * max(1e-4 * top, 1e-15)
     for k, name in enumerate(names):
-        ax.semilogy(t, np.maximum(size[:, k], 0.1 * floor), color=cv.COLORS[k % 7], lw=1.2, label=name)
+        ax.semilogy(
+            t, np.maximum(size[:, k], 0.1 * floor), color=cv.COLORS[k % 7], lw=1.2, label=name
+        )
     ax.set_ylim(floor, max(4 * factor * top, 10 * floor))
     cv.log_axis(ax.yaxis)
     ax.set_ylabel(f"{label}, {shown}")
@@ -271,14 +335,20 @@ def _error_axis(ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: li
         ax.legend(loc="lower right", ncols=len(names))
 
 
-def _error_parts(equations: Equations, simulation: Simulation | None) -> list[tuple[np.ndarray, str, list[str], str]]:
+def _error_parts(
+    equations: Equations, simulation: Simulation | None
+) -> list[tuple[np.ndarray, str, list[str], str]]:
     """Panels of the error: values (n, k), unit, names, label."""
     if simulation is None or "error" not in simulation.trajectory.channels:
-        raise ArgumentError("errors: given a solution that is not verified, expected one with a simulation")
+        raise ArgumentError(
+            "errors: given a solution that is not verified, expected one with a simulation"
+        )
     done, output = simulation.trajectory, equations.model.output
     if output.type == "combination":
         names = list(done.labels["error"])
-        return [(done["error"], output.unit if output.unit != "mixed" else "rad or m", names, "error")]
+        return [
+            (done["error"], output.unit if output.unit != "mixed" else "rad or m", names, "error")
+        ]
     parts = [(np.linalg.norm(done["error"], axis=1)[:, None], "m", ["distance"], "distance")]
     if "turn" in done.channels:
         parts.append((done["turn"], "rad", ["angle"], "angle"))
@@ -287,7 +357,11 @@ def _error_parts(equations: Equations, simulation: Simulation | None) -> list[tu
 
 @cv.apply_style
 def errors(
-    equations: Equations, trajectory: Trajectory, simulation: Simulation | None, *, end: float | None = None
+    equations: Equations,
+    trajectory: Trajectory,
+    simulation: Simulation | None,
+    *,
+    end: float | None = None,
 ) -> Figure:
     """Error of the simulated output over time on a logarithmic axis.
 
@@ -298,7 +372,9 @@ def errors(
     """
     parts, window = _error_parts(equations, simulation), _window(equations, trajectory, end)
     figure = cv.new_figure(
-        cv.WIDTH, 0.6 + 2.3 * len(parts), _title(equations, trajectory, "simulated error from the reference")
+        cv.WIDTH,
+        0.6 + 2.3 * len(parts),
+        _title(equations, trajectory, "simulated error from the reference"),
     )
     for ax, (values, unit, names, label) in zip(
         figure.subplots(len(parts), 1, squeeze=False)[:, 0], parts, strict=True
@@ -312,27 +388,47 @@ def errors(
 
 
 def _outputs(
-    figure: Any, equations: Equations, trajectory: Trajectory, simulation: Simulation | None, end: float
+    figure: Any,
+    equations: Equations,
+    trajectory: Trajectory,
+    simulation: Simulation | None,
+    end: float,
 ) -> None:
     """The output over time, for robots without spatial extent."""
     model, t = equations.model, trajectory.time
     driven = trajectory if simulation is None else simulation.trajectory
     y = evaluate(equations.function("output"), driven["q_a"])[0].reshape(len(t), -1)
     unit = model.output.unit if model.output.type == "combination" else "m"
-    window, name = _window(equations, trajectory, end), "output" if simulation is None else "output, simulated"
+    window, name = (
+        _window(equations, trajectory, end),
+        "output" if simulation is None else "output, simulated",
+    )
     axes = figure.subplots(y.shape[1], 1, squeeze=False)[:, 0]
     for k, ax in enumerate(axes):
         ax.plot(t, y[:, k], color=cv.GREEN, lw=3.2, alpha=0.55, label=name)
         if "y_ref" in trajectory.channels:
-            ax.plot(t, trajectory["y_ref"][:, k], color=cv.RED, lw=1.1, ls=(0, (4, 2.5)), label="reference")
+            ax.plot(
+                t,
+                trajectory["y_ref"][:, k],
+                color=cv.RED,
+                lw=1.1,
+                ls=(0, (4, 2.5)),
+                label="reference",
+            )
         cv.time_axis(ax, *window)
-        ax.set_ylabel(f"output{'' if len(axes) == 1 else f' {k + 1}'}, {unit if unit != 'mixed' else 'rad or m'}")
+        ax.set_ylabel(
+            f"output{'' if len(axes) == 1 else f' {k + 1}'}, {unit if unit != 'mixed' else 'rad or m'}"
+        )
     axes[0].legend(loc="upper left", bbox_to_anchor=(0.1, 0.97))
 
 
 @cv.apply_style
 def robot(
-    equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
+    equations: Equations,
+    trajectory: Trajectory,
+    simulation: Simulation | None = None,
+    *,
+    end: float | None = None,
 ) -> Figure:
     """The robot at several instants of its path, with its joints, the path of the tool and the reference.
 
@@ -356,15 +452,25 @@ def robot(
         figure = cv.new_figure(cv.WIDTH, 3.4, _title(equations, trajectory, "output"))
         _outputs(figure, equations, trajectory, simulation, stop)
         return figure
-    title = _title(equations, trajectory, f"{len(drawn.times)} instants, {drawn.times[0]:g} to {drawn.times[-1]:g} s")
+    title = _title(
+        equations,
+        trajectory,
+        f"{len(drawn.times)} instants, {drawn.times[0]:g} to {drawn.times[-1]:g} s",
+    )
     size = np.ptp(spans(drawn), axis=1)
     right, up = drawn.views[0]
     spatial = len(drawn.views) > 1
     deep = next(k for k in range(3) if k not in (right, up)) if spatial else right
-    wide, high = (size[right] + size[deep], size[up] + size[deep]) if spatial else (size[right], size[up])
-    scale = min((7.0 if spatial else 5.4) / wide, (7.2 if spatial else 5.2) / high)  # inches per meter
+    wide, high = (
+        (size[right] + size[deep], size[up] + size[deep]) if spatial else (size[right], size[up])
+    )
+    # inches per meter
+    scale = min((7.0 if spatial else 5.4) / wide, (7.2 if spatial else 5.2) / high)
     gap = 0.75
-    width, height = scale * wide + 1.0 + (gap if spatial else 2.7), scale * high + 1.05 + (gap if spatial else 0.0)
+    width, height = (
+        scale * wide + 1.0 + (gap if spatial else 2.7),
+        scale * high + 1.05 + (gap if spatial else 0.0),
+    )
     entries = handles(model, drawn)
     height = max(height, 3.2)
     if spatial:  # the legend is below the side view, right of the top view
@@ -388,7 +494,9 @@ def robot(
 
 def plot_solution(solution: Solution) -> Figure:
     """The `overview` of a solution, see `flexgen.Solution.plot`."""
-    return overview(derive(solution.model), solution.trajectory, solution.simulation, end=solution.move.duration)
+    return overview(
+        derive(solution.model), solution.trajectory, solution.simulation, end=solution.move.duration
+    )
 
 
 def _visible_early_torque(trajectory: Trajectory) -> bool:
@@ -412,19 +520,30 @@ def _before_the_path(ax: Any, equations: Equations, trajectory: Trajectory) -> N
 
 @cv.apply_style
 def overview(
-    equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
+    equations: Equations,
+    trajectory: Trajectory,
+    simulation: Simulation | None = None,
+    *,
+    end: float | None = None,
 ) -> Figure:
     """One figure of a solution: the robot on the left, motor torques and simulated error on the right."""
     model, window = equations.model, _window(equations, trajectory, end)
     drawn = scene(equations, trajectory, simulation, window[1])
     verified = simulation is not None and "error" in simulation.trajectory.channels
     what = "planned motion" if trajectory.meta.get("kind") == "plan" else "inverse dynamics"
-    figure = cv.new_figure(11.0, 4.6, _title(equations, trajectory, f"{what}, verified" if verified else what))
+    figure = cv.new_figure(
+        11.0, 4.6, _title(equations, trajectory, f"{what}, verified" if verified else what)
+    )
     halves: Any = figure.subfigures(1, 2, width_ratios=[1.0, 1.15])
     left, right = halves
     if drawn.views:
         size = np.ptp(spans(drawn), axis=1)
-        draw_view(left.subplots(), model, drawn, max(drawn.views, key=lambda view: size[view[0]] * size[view[1]]))
+        draw_view(
+            left.subplots(),
+            model,
+            drawn,
+            max(drawn.views, key=lambda view: size[view[0]] * size[view[1]]),
+        )
         left.legend(handles=handles(model, drawn), loc="outside lower center", ncols=2)
     else:
         _outputs(left, equations, trajectory, simulation, window[1])
@@ -434,7 +553,9 @@ def overview(
     axes = right.subplots(1 + early + verified, 1, squeeze=False)[:, 0]
     t, tau = trajectory.time, trajectory["tau_m"]
     for j, motor in enumerate(model.motors):
-        axes[0].plot(t, tau[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
+        axes[0].plot(
+            t, tau[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name
+        )
     axes[0].set(ylabel="torque, N m", title="motor torques, motor side")
     axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     if early:

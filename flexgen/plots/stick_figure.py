@@ -21,9 +21,18 @@ INSTANTS = 6
 FLAT = 1e-6  # of the largest extent; a smaller extent is zero
 
 _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
-    "elastic": ("joint with an elastic gear", {"marker": "o", "ms": 8, "mfc": BLUE, "mec": "white"}),
-    "rigid": ("joint with a rigid gear", {"marker": "o", "ms": 8, "mfc": "white", "mec": BLUE, "mew": 1.6}),
-    "free": ("elastic joint without motor", {"marker": "D", "ms": 5, "mfc": ORANGE, "mec": "white", "mew": 0.8}),
+    "elastic": (
+        "joint with an elastic gear",
+        {"marker": "o", "ms": 8, "mfc": BLUE, "mec": "white"},
+    ),
+    "rigid": (
+        "joint with a rigid gear",
+        {"marker": "o", "ms": 8, "mfc": "white", "mec": BLUE, "mew": 1.6},
+    ),
+    "free": (
+        "elastic joint without motor",
+        {"marker": "D", "ms": 5, "mfc": ORANGE, "mec": "white", "mew": 0.8},
+    ),
 }
 
 
@@ -42,7 +51,9 @@ class Scene:
     views: tuple[tuple[int, int], ...]
 
 
-def scene(equations: Equations, trajectory: Trajectory, simulation: Simulation | None, end: float) -> Scene:
+def scene(
+    equations: Equations, trajectory: Trajectory, simulation: Simulation | None, end: float
+) -> Scene:
     """The `Scene` of a trajectory, with the simulated path of the tool if there is a simulation."""
     model, t = equations.model, trajectory.time
     driven = trajectory if simulation is None else simulation.trajectory
@@ -53,14 +64,20 @@ def scene(equations: Equations, trajectory: Trajectory, simulation: Simulation |
     reference = None
     if model.output.type != "combination" and "y_ref" in trajectory.channels:
         reference = tool.copy()
-        axes = range(3) if model.output.type == "tool_pose" else ["xyz".index(a) for a in model.output.axes]
+        axes = (
+            range(3)
+            if model.output.type == "tool_pose"
+            else ["xyz".index(a) for a in model.output.axes]
+        )
         reference[:, list(axes)] = trajectory["y_ref"][:, :3]
     return Scene(frames, times, tool, reference, _views(model, frames))
 
 
 def _instants(equations: Equations, trajectory: Trajectory, end: float) -> np.ndarray:
     """Instants [s] between which the robot moves by equal distances."""
-    grid = np.linspace(max(0.0, float(trajectory.time[0])), min(end, float(trajectory.time[-1])), 201)
+    grid = np.linspace(
+        max(0.0, float(trajectory.time[0])), min(end, float(trajectory.time[-1])), 201
+    )
     q = np.array([np.interp(grid, trajectory.time, column) for column in trajectory["q_a"].T]).T
     steps = np.diff(evaluate(equations.function("chain_points"), q)[0], axis=0)
     distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=(1, 2)) + 1e-12)])
@@ -92,7 +109,9 @@ def spans(drawn: Scene) -> np.ndarray:
     return np.stack([low - margin, high + margin], axis=1)
 
 
-def draw_view(ax: Any, model: RobotModel, drawn: Scene, view: tuple[int, int], label: str = "") -> None:
+def draw_view(
+    ax: Any, model: RobotModel, drawn: Scene, view: tuple[int, int], label: str = ""
+) -> None:
     """Draw one view with equal axes; early poses are pale, the last is dark."""
     right, up = view
     for k, frame in enumerate(drawn.frames):
@@ -101,16 +120,33 @@ def draw_view(ax: Any, model: RobotModel, drawn: Scene, view: tuple[int, int], l
         _chain(ax, model, frame[[right, up]], shade, 10 + k, joints=last or k == 0)
     base = drawn.frames[0][[right, up], 0]
     upright = abs(model.gravity[up]) > 0 or not any(model.gravity)
-    ax.plot(*base, marker=CARETUP if upright else "s", ms=15, color="#AAAAAA", mec="none", zorder=5, clip_on=False)
+    ax.plot(
+        *base,
+        marker=CARETUP if upright else "s",
+        ms=15,
+        color="#AAAAAA",
+        mec="none",
+        zorder=5,
+        clip_on=False,
+    )
     ax.plot(drawn.tool[:, right], drawn.tool[:, up], color=GREEN, lw=3.2, alpha=0.55, zorder=30)
     if drawn.reference is not None:
-        ax.plot(drawn.reference[:, right], drawn.reference[:, up], color=RED, lw=1.1, ls=(0, (4, 2.5)), zorder=31)
+        ax.plot(
+            drawn.reference[:, right],
+            drawn.reference[:, up],
+            color=RED,
+            lw=1.1,
+            ls=(0, (4, 2.5)),
+            zorder=31,
+        )
     limits = spans(drawn)
     ax.set(xlim=limits[right], ylim=limits[up], aspect="equal")
     ax.set(xlabel=f"{'xyz'[right]}, m", ylabel=f"{'xyz'[up]}, m", title=label)
 
 
-def _chain(ax: Any, model: RobotModel, positions: np.ndarray, shade: str, order: int, joints: bool) -> None:
+def _chain(
+    ax: Any, model: RobotModel, positions: np.ndarray, shade: str, order: int, joints: bool
+) -> None:
     """Draw one pose from ``positions`` (2, k): base; origin, joint, body and beam tip of each element; tool."""
     ax.plot(*positions, color=shade, lw=3.2, solid_joinstyle="round", zorder=order)
     found, beams = chain_parts(model) if joints else ([], [])
@@ -126,7 +162,9 @@ def chain_parts(model: RobotModel) -> tuple[list[tuple[int, str]], list[int]]:
     """Points of the chain with joints, each with its kind, and first points of the segments that are beams."""
     line = corners(model)
     joints = [(line.index((e.name, 0)), kind) for e in model.elements for kind in _kinds_of(e.dofs)]
-    return joints, [line.index((element.name, 2)) for element in model.elements if element.beam is not None]
+    return joints, [
+        line.index((element.name, 2)) for element in model.elements if element.beam is not None
+    ]
 
 
 def joint_style(kind: str) -> dict[str, Any]:
@@ -136,14 +174,22 @@ def joint_style(kind: str) -> dict[str, Any]:
 
 def _kinds_of(dofs: Any) -> list[str]:
     """Kinds of joints of some degrees of freedom, motor joints first."""
-    found = {"free" if d.gear is None else "rigid" if d.gear.rigid else "elastic" for d in dofs if not d.mimic}
+    found = {
+        "free" if d.gear is None else "rigid" if d.gear.rigid else "elastic"
+        for d in dofs
+        if not d.mimic
+    }
     return [kind for kind in _KINDS if kind in found]
 
 
 def handles(model: RobotModel, drawn: Scene) -> list[Any]:
     """Entries of the legend."""
     kinds = {kind for element in model.elements for kind in _kinds_of(element.dofs)}
-    out = [Line2D([], [], ls="none", label=text, **style) for kind, (text, style) in _KINDS.items() if kind in kinds]
+    out = [
+        Line2D([], [], ls="none", label=text, **style)
+        for kind, (text, style) in _KINDS.items()
+        if kind in kinds
+    ]
     if any(element.beam is not None for element in model.elements):
         out.append(Line2D([], [], color=ORANGE, lw=3.2, label="elastic beam (chord)"))
     out.append(Line2D([], [], color=GREEN, lw=3.2, alpha=0.55, label="path of the tool"))

@@ -22,12 +22,16 @@ def plot_prediction(found: Prediction) -> Figure:
     axes = figure.subplots(2, 2)
     _plot_errors(axes[0, 0], found)
     _plot_shares(axes[0, 1], found)
-    _plot_band(axes[1, 0], found.time, found.torque, "motor torque: change, 95 % of the robots", "N m")
+    _plot_band(
+        axes[1, 0], found.time, found.torque, "motor torque: change, 95 % of the robots", "N m"
+    )
     unit = "rad or m" if any(c.unit == "m" for c in solution.model.coordinates) else "rad"
     if not found.deflection.names:  # a rigid robot
         axes[1, 1].set_axis_off()
         return figure
-    _plot_band(axes[1, 1], found.time, found.deflection, "deflection: change, 95 % of the robots", unit)
+    _plot_band(
+        axes[1, 1], found.time, found.deflection, "deflection: change, 95 % of the robots", unit
+    )
     return figure
 
 
@@ -43,13 +47,20 @@ def _plot_errors(ax: Any, found: Prediction) -> None:
     if limit is not None:
         ax.axvline(factor * limit, color=cv.RED, lw=1.2, label="95 %")
         ax.legend(loc="lower right")
-    ax.set(xlabel=f"largest error, {shown}", ylabel="robots below, %", ylim=(0, 102), xlim=(0, None))
+    ax.set(
+        xlabel=f"largest error, {shown}", ylabel="robots below, %", ylim=(0, 102), xlim=(0, None)
+    )
     ax.set_title(f"{found.robots} robots with motor feedback")
 
 
 def _plot_shares(ax: Any, found: Prediction) -> None:
     shares = found.shares[:BARS][::-1]
-    ax.barh([share.name for share in shares], [100 * share.share for share in shares], color=cv.GREEN, height=0.65)
+    ax.barh(
+        [share.name for share in shares],
+        [100 * share.share for share in shares],
+        color=cv.GREEN,
+        height=0.65,
+    )
     ax.set(xlabel="share of the variance, %")
     ax.set_title("what contributes to the error")
 

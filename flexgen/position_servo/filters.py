@@ -74,7 +74,10 @@ def _check_filter(of: LowPass | Notch) -> None:
 
 
 def _bilinear(
-    b: tuple[float, float, float], a: tuple[float, float, float], frequency_hz: float, sample_s: float
+    b: tuple[float, float, float],
+    a: tuple[float, float, float],
+    frequency_hz: float,
+    sample_s: float,
 ) -> tuple[float, ...]:
     """A filter in ``s/w``, highest power first, sampled such that its response at w stays."""
     check_positive("sample_s", sample_s, "a time > 0 in s")

@@ -47,21 +47,37 @@ class ServoTable:
 
 def _filter(doc: str, made: type[Filter], **damping: tuple[str, float]) -> Format:
     """The table of a filter: its frequency and its damping ratios, each with what it is of and a default."""
-    rows = [Key(name, number(), f"damping ratio{of}", default=value) for name, (of, value) in damping.items()]
+    rows = [
+        Key(name, number(), f"damping ratio{of}", default=value)
+        for name, (of, value) in damping.items()
+    ]
     return Format(doc, (Key("frequency_hz", number(above=0.0), "frequency", "Hz"), *rows), made)
 
 
 LOW_PASS = _filter("low-pass filter", LowPass, damping=("", 0.7))
-NOTCH = _filter("notch filter", Notch, zero_damping=(" of the zeros", 0.1), pole_damping=(" of the poles", 0.7))
+NOTCH = _filter(
+    "notch filter", Notch, zero_damping=(" of the zeros", 0.1), pole_damping=(" of the poles", 0.7)
+)
 FILTER_KEYS = tuple(
-    Key(name, listed(form, least=0, plural=False), f"{form.doc}s of the feedback torque", default=())
+    Key(
+        name, listed(form, least=0, plural=False), f"{form.doc}s of the feedback torque", default=()
+    )
     for name, form in (("low_pass", LOW_PASS), ("notch", NOTCH))
 )
 OWN_KEYS = (
     Key(
-        "speed_feedforward", number(least=0.0, most=MOST_FEEDFORWARD), "part of the speed of the reference", default=1.0
+        "speed_feedforward",
+        number(least=0.0, most=MOST_FEEDFORWARD),
+        "part of the speed of the reference",
+        default=1.0,
     ),
-    Key("reference_filter_s", number(least=0.0, most=SLOWEST), "filter of the reference, time constant", "s", 0.0),
+    Key(
+        "reference_filter_s",
+        number(least=0.0, most=SLOWEST),
+        "filter of the reference, time constant",
+        "s",
+        0.0,
+    ),
     Key("sample_time", number(least=1e-6, most=SLOWEST), "sample time", "s", SAMPLE_S),
     Key("delay", number(least=0.0, most=SLOWEST), "from the measurement to the torque", "s", 0.0),
 )
@@ -83,7 +99,8 @@ def _check_gains(table: Table, here: Context) -> None:
             raise table.fail(name, "numbers > 0: else the servo follows no reference")
     if min(here.values[GAINS[2]]) < 0.0:
         raise table.fail(
-            GAINS[2], "numbers >= 0: else the servo has a zero 1/(1 + k_i h) > 1, and its inverse is unstable"
+            GAINS[2],
+            "numbers >= 0: else the servo has a zero 1/(1 + k_i h) > 1, and its inverse is unstable",
         )
 
 
@@ -100,7 +117,11 @@ _HZ = tuple(
     )
     for name, doc in zip(
         FREQUENCIES,
-        ("bandwidth of the position control", "bandwidth of the speed control", "corner of the integral part"),
+        (
+            "bandwidth of the position control",
+            "bandwidth of the speed control",
+            "corner of the integral part",
+        ),
         strict=True,
     )
 )
@@ -108,7 +129,9 @@ SERVO_TABLE = Kinds(
     "position servo of the motors",
     {
         "ppi": Format("P-PI cascade, by frequencies", (*_HZ, *FILTER_KEYS, *OWN_KEYS), ServoTable),
-        "cascade": Format("P-PI cascade, by gains of each motor", (*_CASCADE, *FILTER_KEYS, *OWN_KEYS), ServoTable),
+        "cascade": Format(
+            "P-PI cascade, by gains of each motor", (*_CASCADE, *FILTER_KEYS, *OWN_KEYS), ServoTable
+        ),
     },
     typed=True,
 )

@@ -45,7 +45,10 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
         q, v, f = vectors(tape, q_a, v_a, force)
         h = arm.torques(tape, chain, q, v, still, columns)
         M = arm.mass_matrix(tape, chain, q)
-        M = [[x + y for x, y in zip(row, more, strict=True)] for row, more in zip(M, armature.tolist(), strict=True)]
+        M = [
+            [x + y for x, y in zip(row, more, strict=True)]
+            for row, more in zip(M, armature.tolist(), strict=True)
+        ]
 
         def solve(right: Sequence[Scalar]) -> list[Scalar]:
             return articulated_body.solve_symmetric(tape, M, right)
@@ -54,14 +57,21 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
 
     def by_articulated_bodies(tape: Tape, chain: Chain, columns: Columns) -> Solved:
         q, v, f = vectors(tape, q_a, v_a, force)
-        turns = [newton_euler.turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)]
-        loads = newton_euler.loads(chain, newton_euler.motions(tape, chain, turns, q, v, still, columns))
+        turns = [
+            newton_euler.turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)
+        ]
+        loads = newton_euler.loads(
+            chain, newton_euler.motions(tape, chain, turns, q, v, still, columns)
+        )
         none: list[newton_euler.Wrench] = [([0.0] * 3, [0.0] * 3) for _ in chain.joints]
 
         def solve(right: Sequence[Scalar]) -> list[Scalar]:
             return articulated_body.forward_dynamics(tape, chain, q, none, turns, right, own)
 
-        return Solved(articulated_body.forward_dynamics(tape, chain, q, loads, turns, f, own), q, v, solve)
+        return Solved(
+            articulated_body.forward_dynamics(tape, chain, q, loads, turns, f, own), q, v, solve
+        )
 
-    free = kind(armature) and arm.moves is None  # (mechanisms couple joints that are not next to each other)
+    # (mechanisms couple joints that are not next to each other)
+    free = kind(armature) and arm.moves is None
     return [by_mass_matrix, by_articulated_bodies] if free else [by_mass_matrix]

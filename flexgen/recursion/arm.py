@@ -22,7 +22,8 @@ from flexgen.recursion.dh_chain import Chain, Inertia, compose, inertia_of, inve
 from flexgen.recursion.regrouping import Plan, plans
 from flexgen.recursion.tape import Scalar, Tape
 
-AD_UP_TO = 10  # coordinates; the recursion for derivatives is shorter than differentiated code beyond
+# coordinates; the recursion for derivatives is shorter than differentiated code beyond
+AD_UP_TO = 10
 
 Columns = tuple[bool, ...]
 Route = Callable[[Tape, Chain, Columns], list[Scalar]]
@@ -54,7 +55,9 @@ class Arm:
         """Of each joint the factors of the coordinates that move it, by number; None without mechanisms."""
         dofs = [dof for element in self.model.elements for dof in element.dofs]
         at = {coordinate.name: k for k, coordinate in enumerate(self.model.coordinates)}
-        moves = tuple({at[name]: x for name, x in (dof.mimic or ((dof.name, 1.0),))} for dof in dofs)
+        moves = tuple(
+            {at[name]: x for name, x in (dof.mimic or ((dof.name, 1.0),))} for dof in dofs
+        )
         return moves if any(dof.mimic for dof in dofs) else None
 
     def to_joints(self, x: Sequence[Scalar]) -> list[Scalar]:
@@ -84,7 +87,13 @@ class Arm:
         return [list(row) for row in zip(*self.to_coordinates(columns), strict=True)]
 
     def torques(
-        self, tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar], columns: Columns
+        self,
+        tape: Tape,
+        chain: Chain,
+        q: Sequence[Scalar],
+        v: Sequence[Scalar],
+        a: Sequence[Scalar],
+        columns: Columns,
     ) -> list[Scalar]:
         """Inverse dynamics."""
         q, v, a = (self.to_joints(x) for x in (q, v, a))
@@ -92,16 +101,27 @@ class Arm:
 
     def mass_matrix(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
         """The mass matrix, with or without axes shared by parallel joints, whichever is shorter."""
-        found = [composite_body.mass_matrix(tape, chain, self.to_joints(q), together) for together in (True, False)]
+        found = [
+            composite_body.mass_matrix(tape, chain, self.to_joints(q), together)
+            for together in (True, False)
+        ]
         M = min(found, key=lambda M: tape.count([x for row in M for x in row]))
         return M if self.moves is None else self._matrix(M)
 
     def jacobian(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
         """The Jacobian of the tool, rows of the twist."""
-        return [self.to_coordinates(row) for row in kinematics.jacobian(tape, chain, self.to_joints(q))]
+        return [
+            self.to_coordinates(row) for row in kinematics.jacobian(tape, chain, self.to_joints(q))
+        ]
 
     def torque_changes(
-        self, tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar], columns: Columns
+        self,
+        tape: Tape,
+        chain: Chain,
+        q: Sequence[Scalar],
+        v: Sequence[Scalar],
+        a: Sequence[Scalar],
+        columns: Columns,
     ) -> list[composite_body.Matrix]:
         """Derivatives of `torques` in coordinates, speeds and accelerations."""
         q, v, a = (self.to_joints(x) for x in (q, v, a))
@@ -114,14 +134,19 @@ class Arm:
             return plan.chain
         body = self.equations.with_symbols.payload
         rotation, position = compose(plan.chain.tool, inverse(pose_of(self.model.tool)))
-        mass, *com = (tape.symbol(x) if isinstance(x, ca.SX) else float(x) for x in (body.mass, *body.com))
+        mass, *com = (
+            tape.symbol(x) if isinstance(x, ca.SX) else float(x) for x in (body.mass, *body.com)
+        )
         com = [
             p + row[0] * com[0] + row[1] * com[1] + row[2] * com[2]
             for p, row in zip(position.tolist(), rotation.tolist(), strict=True)
         ]
         first = [mass * x for x in com]
         own = inertia_of(Body(inertia=body.inertia)).moved((rotation, np.zeros(3))).second.tolist()
-        second = [[x + y * z for x, z in zip(row, com, strict=True)] for row, y in zip(own, first, strict=True)]
+        second = [
+            [x + y * z for x, z in zip(row, com, strict=True)]
+            for row, y in zip(own, first, strict=True)
+        ]
         load = Inertia(mass, np.array(first, dtype=object), np.array(second, dtype=object))
         joints, k = list(plan.chain.joints), plan.chain.carrier
         joints[k] = replace(joints[k], inertia=joints[k].inertia + load)
@@ -132,7 +157,9 @@ class Arm:
         """Whether numbers of the payload may change at run time."""
         return any(parameter.name.startswith("payload.") for parameter in self.equations.parameters)
 
-    def shortest(self, routes: Sequence[Route], several: bool = True, kind: str = "") -> list[ca.SX]:
+    def shortest(
+        self, routes: Sequence[Route], several: bool = True, kind: str = ""
+    ) -> list[ca.SX]:
         """The results of the route with the fewest operations (over the best plan only, or over several).
 
         Results of one ``kind`` take the plan and the route of the first of them.
@@ -162,19 +189,36 @@ class Arm:
             found = self.torque_changes(tape, chain, q, v, a, columns)
             return [x for A in found for row in A for x in row]
 
-        def by_differentiation(tape: Tape, chain: Chain, columns: Columns, forward: bool) -> list[Scalar]:
+        def by_differentiation(
+            tape: Tape, chain: Chain, columns: Columns, forward: bool
+        ) -> list[Scalar]:
             q, v, a = vectors(tape, *inputs)
             tau = self.torques(tape, chain, q, v, a, columns)
             M = [x for row in self.mass_matrix(tape, chain, q) for x in row]
             if not forward:
                 gradients = [tape.gradient(x, [*q, *v]) for x in tau]
-                return [*(x for row in gradients for x in row[:n]), *(x for row in gradients for x in row[n:]), *M]
+                return [
+                    *(x for row in gradients for x in row[:n]),
+                    *(x for row in gradients for x in row[n:]),
+                    *M,
+                ]
             tangents = [tape.tangents(tau, x) for x in (*q, *v)]
-            return [*(x for part in (tangents[:n], tangents[n:]) for row in zip(*part, strict=True) for x in row), *M]
+            return [
+                *(
+                    x
+                    for part in (tangents[:n], tangents[n:])
+                    for row in zip(*part, strict=True)
+                    for x in row
+                ),
+                *M,
+            ]
 
         routes: list[Route] = [by_recursion]
         if n <= AD_UP_TO:
-            routes += [partial(by_differentiation, forward=True), partial(by_differentiation, forward=False)]
+            routes += [
+                partial(by_differentiation, forward=True),
+                partial(by_differentiation, forward=False),
+            ]
         flat = self.shortest(routes)
         return [matrix_of(flat[k * n * n : (k + 1) * n * n], n) for k in range(3)]
 
@@ -184,7 +228,9 @@ class Arm:
         model, out = self.model, np.zeros((self.model.n_a, self.model.n_a))
         rigid = [j for j in range(model.n_m) if j not in model.i_m]
         eta = model.eta[rigid]
-        out[np.ix_(model.i_g, model.i_g)] = eta.T @ np.diag([model.motors[j].inertia for j in rigid]) @ eta
+        out[np.ix_(model.i_g, model.i_g)] = (
+            eta.T @ np.diag([model.motors[j].inertia for j in rigid]) @ eta
+        )
         return out
 
 
@@ -201,4 +247,8 @@ def vectors(tape: Tape, *symbols: ca.SX) -> list[list[Scalar]]:
 
 def matrix_of(entries: Sequence[ca.SX], columns: int) -> ca.SX:
     """A matrix from its entries, row after row."""
-    return ca.reshape(ca.vertcat(*entries), columns, len(entries) // columns).T if entries else ca.SX(0, columns)
+    return (
+        ca.reshape(ca.vertcat(*entries), columns, len(entries) // columns).T
+        if entries
+        else ca.SX(0, columns)
+    )

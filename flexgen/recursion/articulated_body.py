@@ -49,7 +49,10 @@ class Articulated:
     def __add__(self, body: Inertia | Articulated) -> Articulated:
         if isinstance(body, Articulated):
             return Articulated(
-                *(add_matrices(*pair) for pair in ((self.J, body.J), (self.H, body.H), (self.M, body.M)))
+                *(
+                    add_matrices(*pair)
+                    for pair in ((self.J, body.J), (self.H, body.H), (self.M, body.M))
+                )
             )
         m, (x, y, z), S = body.mass, body.first.tolist(), body.second.tolist()
         tensor = [[-x for x in row] for row in S]
@@ -65,7 +68,9 @@ class Articulated:
     def turned(self, turn: Turn) -> Articulated:
         """The same in the frame before a joint, where the linear axes did not turn with the joint."""
         J = rotate_back(turn, self.J)
-        return Articulated(J, _transpose([turn.back(column) for column in _transpose(self.H)]), self.M)
+        return Articulated(
+            J, _transpose([turn.back(column) for column in _transpose(self.H)]), self.M
+        )
 
     def linear_turned(self, turn: Turn) -> Articulated:
         """The same with the axes of accelerations and forces turned back as well."""
@@ -116,7 +121,10 @@ class _Yield:
     def pass_on(self, force: Vector3, moment: Vector3, tau: Scalar) -> Wrench:
         """The wrench on the frame when the joint is free; along the axis the driving torque less the rotor's."""
         push = self.rest * self.ease
-        force, moment = plus(force, [x * push for x in self.linear]), plus(moment, [x * push for x in self.about])
+        force, moment = (
+            plus(force, [x * push for x in self.linear]),
+            plus(moment, [x * push for x in self.about]),
+        )
         (moment if self.revolute else force)[Z] = tau - self.armature * push
         return force, moment
 
@@ -193,13 +201,16 @@ def _to_the_base(
     still: Vector3 = [0.0] * 3
     behind = [(Articulated(_zero(), _zero(), _zero()), still, still)] * n
     yields: list[_Yield] = []
-    run: list[Turn] = []  # joints of a run that were passed: forces are still in the axes of the last one
+    # joints of a run that were passed: forces are still in the axes of the last one
+    run: list[Turn] = []
     for i in reversed(range(n)):
         joint, turn = chain.joints[i], turns[i]
         body, force, moment = behind[i]
         body = body + joint.inertia
         force, moment = plus(loads[i][0], force), plus(loads[i][1], moment)
-        about, linear = (body.J[Z], body.H[Z]) if joint.revolute else ([row[Z] for row in body.H], body.M[Z])
+        about, linear = (
+            (body.J[Z], body.H[Z]) if joint.revolute else ([row[Z] for row in body.H], body.M[Z])
+        )
         resists, held = (about[Z], moment[Z]) if joint.revolute else (linear[Z], force[Z])
         ease = tape.inverse(resists + armature[i])
         yields.insert(0, _Yield(joint.revolute, about, linear, ease, tau[i] - held, armature[i]))
@@ -221,15 +232,25 @@ def _to_the_base(
             for passed in run:
                 body, force = body.linear_turned(passed), passed.back(force)
             run = []
-            body, force = Articulated(*(rotate_back(turn, A) for A in (body.J, body.H, body.M))), turn.back(force)
-            body, moment = body.shifted(joint.place.tolist()), plus(moment, cross(joint.place.tolist(), force))
+            body, force = (
+                Articulated(*(rotate_back(turn, A) for A in (body.J, body.H, body.M))),
+                turn.back(force),
+            )
+            body, moment = (
+                body.shifted(joint.place.tolist()),
+                plus(moment, cross(joint.place.tolist(), force)),
+            )
         other, on, about = behind[joint.before]
         behind[joint.before] = body + other, plus(force, on), plus(moment, about)
     return yields
 
 
 def _to_the_tool(
-    chain: Chain, q: Sequence[Scalar], turns: Sequence[Turn], yields: Sequence[_Yield], joined: Sequence[bool]
+    chain: Chain,
+    q: Sequence[Scalar],
+    turns: Sequence[Turn],
+    yields: Sequence[_Yield],
+    joined: Sequence[bool],
 ) -> list[Scalar]:
     """Accelerations of the joints, body by body from the base to the tool."""
     dv: list[Scalar] = []
@@ -261,12 +282,17 @@ def _find_joints_on_one_point(chain: Chain, armature: Sequence[float]) -> list[b
     out = [False] * n
     carried = [sum(joint.before == i for joint in chain.joints) for i in range(n)]
     for i in reversed(range(2, n)):
-        if [chain.joints[k].before for k in (i - 1, i)] != [i - 2, i - 1] or carried[i - 2 : i] != [1, 1]:
+        if [chain.joints[k].before for k in (i - 1, i)] != [i - 2, i - 1] or carried[i - 2 : i] != [
+            1,
+            1,
+        ]:
             continue
         three = chain.joints[i - 2 : i + 1]
         bodies = [joint.inertia for joint in three[:2]]
         empty = not any(own.mass or own.first.any() or own.second.any() for own in bodies)
-        point = all(joint.revolute for joint in three) and not any(joint.place.any() for joint in three[1:])
+        point = all(joint.revolute for joint in three) and not any(
+            joint.place.any() for joint in three[1:]
+        )
         if empty and point and not any(armature[i - 2 : i + 1]) and not (i + 1 < n and out[i + 1]):
             out[i] = out[i - 1] = True
     return out

@@ -20,7 +20,13 @@ from flexgen.recursion import columns
 from flexgen.recursion.arm import arm_of
 from flexgen.recursion.derivatives import derivatives
 from flexgen.recursion.dh_chain import Chain, KeptInertia, make_chain, regroup
-from flexgen.recursion.functions import AGREEMENT, TRIALS, beside_the_arm, fast_function, operations_of
+from flexgen.recursion.functions import (
+    AGREEMENT,
+    TRIALS,
+    beside_the_arm,
+    fast_function,
+    operations_of,
+)
 from flexgen.recursion.regrouping import plans
 from flexgen.recursion.tape import Tape
 
@@ -60,7 +66,8 @@ def _chain_of(equations: Equations) -> Chain | None:
     if not columns.bodies_of(own):
         return None
     chain = min(
-        (regroup(own, [kept] * n) for kept in (KeptInertia(), KeptInertia("all", True, True))), key=_derivatives_cost
+        (regroup(own, [kept] * n) for kept in (KeptInertia(), KeptInertia("all", True, True))),
+        key=_derivatives_cost,
     )
     if not columns.bodies_of(chain) or _derivatives_cost(chain) > SHORTER * _direct_cost(equations):
         return None
@@ -91,7 +98,8 @@ def cost(steps: Sequence[Step]) -> float:
             case Sums():
                 count += step.rows * len(step.at)
             case Products():
-                count += step.operations / (LANES / 2 if step.symmetric else LANES)  # both triangles are computed
+                # both triangles are computed
+                count += step.operations / (LANES / 2 if step.symmetric else LANES)
     return count
 
 
@@ -110,7 +118,9 @@ def _agrees(equations: Equations, chain: Chain) -> bool:
     assert f is not None
     given = [ca.SX.sym(name, n) for name in f.name_in()]
     ways = [ca.SX.sym(f"d{name}", n) for name in f.name_in()]
-    along = ca.Function("along", [*given, *ways], [ca.jtimes(f(*given), ca.vertcat(*given), ca.vertcat(*ways))])
+    along = ca.Function(
+        "along", [*given, *ways], [ca.jtimes(f(*given), ca.vertcat(*given), ca.vertcat(*ways))]
+    )
     program = Routine(tuple(columns.derivatives(chain, ("Q", 0), ("V", 0), "M")))
     at_rest = Routine(tuple(columns.bias(chain, "M")))
     rng = np.random.default_rng(0)
@@ -156,7 +166,9 @@ def around_the_arm(equations: Equations) -> AroundTheArm:
     left = equations.lagrangian.forces - ca.vertcat(felt.T, ca.SX.zeros(n - n_a))
     M, R = beside_the_arm(arm_of(equations))
     return AroundTheArm(
-        Expressions(equations.build("left", [*inputs, felt], [*names, "bias"], [left.T], ["row_left"])),
+        Expressions(
+            equations.build("left", [*inputs, felt], [*names, "bias"], [left.T], ["row_left"])
+        ),
         Expressions(equations.build("rotors", [], [], [M], ["M_y"]), added=True),
         Expressions(equations.build("changes", inputs, names, [R], ["R_y"]), added=True),
     )

@@ -55,7 +55,12 @@ def bias(chain: Chain, M: str) -> list[Step]:
 
     `derivatives_after` continues with their arrays.
     """
-    known = [*_kinematics(chain, ["q_a", "v_a"]), *_masses(chain, M), *_motion(chain), *_forces(chain, at_rest=True)]
+    known = [
+        *_kinematics(chain, ["q_a", "v_a"]),
+        *_masses(chain, M),
+        *_motion(chain),
+        *_forces(chain, at_rest=True),
+    ]
     axis, force = ca.SX.sym("axis", 6), ca.SX.sym("force", 6)
     felt = _function("bias", {"axis": axis, "force": force}, {"bias": ca.dot(axis, force)})
     return [*known, Columns(felt, len(chain.joints))]
@@ -69,7 +74,9 @@ def derivatives_after(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
 def bodies_of(chain: Chain) -> tuple[int, ...]:
     """Joints whose body has mass."""
     inertias = [joint.inertia for joint in chain.joints]
-    return tuple(k for k, own in enumerate(inertias) if own.mass or own.first.any() or own.second.any())
+    return tuple(
+        k for k, own in enumerate(inertias) if own.mass or own.first.any() or own.second.any()
+    )
 
 
 def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
@@ -81,9 +88,15 @@ def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
     ways: list[list[Scalar]] = []
     for joint, q in zip(chain.joints, tape.vector(inputs["q_a"]), strict=True):
         cosine, sine = joint.twist
-        axes = [axes[0], combine_axes(axes, [0.0, cosine, sine]), combine_axes(axes, [0.0, -sine, cosine])]
+        axes = [
+            axes[0],
+            combine_axes(axes, [0.0, cosine, sine]),
+            combine_axes(axes, [0.0, -sine, cosine]),
+        ]
         place = _about_x(joint.twist).T @ joint.place
-        way: list[Scalar] = [x if abs(x) > ROUNDING * np.abs(place).max() else 0.0 for x in place.tolist()]
+        way: list[Scalar] = [
+            x if abs(x) > ROUNDING * np.abs(place).max() else 0.0 for x in place.tolist()
+        ]
         ways.append(combine_axes(axes, way if joint.revolute else [way[0], way[1], way[2] + q]))
         turn = turn_of(tape, joint, q)
         c, s = turn.cosine, turn.sine
@@ -95,7 +108,9 @@ def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
         places.insert(0, [x - y for x, y in zip(places[0], way, strict=True)])
     frames = [[*axes[0], *axes[1], *axes[2], *at] for axes, at in zip(turned, places, strict=True)]
     bodies = bodies_of(chain)
-    flat = tape.build([x for k in bodies for x in frames[k]] + [x for frame in frames for x in frame[6:]])
+    flat = tape.build(
+        [x for k in bodies for x in frames[k]] + [x for frame in frames for x in frame[6:]]
+    )
     results = {"frame": ca.reshape(ca.vertcat(*flat[: 12 * len(bodies)]), 12, len(bodies))}
     if len(bodies) < n:
         results["joint"] = ca.reshape(ca.vertcat(*flat[12 * len(bodies) :]), 6, n)
@@ -114,8 +129,12 @@ def _axes(chain: Chain, moving: bool) -> list[Step]:
     n = len(chain.joints)
     frame = ca.SX.sym("frame", 12) if len(bodies_of(chain)) == n else ca.SX.sym("joint", 6)
     direction, place = frame[-6:-3], frame[-3:]
-    turning, symbols, tables = _number_rows("turning", np.array([[float(joint.revolute) for joint in chain.joints]]))
-    axis = ca.vertcat(turning * direction, turning * ca.cross(place, direction) + (1 - turning) * direction)
+    turning, symbols, tables = _number_rows(
+        "turning", np.array([[float(joint.revolute) for joint in chain.joints]])
+    )
+    axis = ca.vertcat(
+        turning * direction, turning * ca.cross(place, direction) + (1 - turning) * direction
+    )
     inputs, results = {"frame" if frame.numel() == 12 else "joint": frame} | symbols, {"axis": axis}
     if not moving:
         return [Columns(_function("axes", inputs, results), n, tables)]
@@ -128,7 +147,9 @@ def _masses(chain: Chain, target: str) -> list[Step]:
     """Moments of mass of all bodies behind each joint, and the mass matrix."""
     n, at = len(chain.joints), bodies_of(chain)
     own = [chain.joints[k].inertia for k in at]
-    numbers = np.array([[x.mass, *x.first, *(x.second[i, j] for i, j in _HALF)] for x in own], dtype=float).T
+    numbers = np.array(
+        [[x.mass, *x.first, *(x.second[i, j] for i, j in _HALF)] for x in own], dtype=float
+    ).T
     inertia, symbols, tables = _number_rows("inertia", numbers)
     frame = ca.SX.sym("frame", 12)
     R, p = ca.reshape(frame[:9], 3, 3), frame[9:]
@@ -163,7 +184,9 @@ def _motion(chain: Chain) -> list[Step]:
     return [
         Columns(rates, n),
         *_array_step(chain, "speed"),
-        Columns(_function("motion", {"own_mass": own, name: speed} | symbols, moments), len(at), masses),
+        Columns(
+            _function("motion", {"own_mass": own, name: speed} | symbols, moments), len(at), masses
+        ),
         Sums("own_motion", "motion", 12, n, at, backward=True),
     ]
 
@@ -171,15 +194,24 @@ def _motion(chain: Chain) -> list[Step]:
 def _forces(chain: Chain, at_rest: bool) -> list[Step]:
     """Accelerations, and the wrenches of all bodies behind each joint; ``at_rest``: all accelerations are zero."""
     n, at = len(chain.joints), bodies_of(chain)
-    axis, rate, v, a = (ca.SX.sym(name, rows) for name, rows in (("axis", 6), ("rate", 6), ("v", 1), ("a", 1)))
+    axis, rate, v, a = (
+        ca.SX.sym(name, rows) for name, rows in (("axis", 6), ("rate", 6), ("v", 1), ("a", 1))
+    )
     inputs = {"rate": rate, "row_v_a": v} | ({} if at_rest else {"axis": axis, "row_a_a": a})
     gained = {"gained": rate * v + (0 if at_rest else axis * a)}
     start = (0.0, 0.0, 0.0, *(-chain.gravity).tolist())
 
     mass, symbols, masses = _mass(chain, beyond=False)
     names = "own_mass", "own_motion", _of_bodies(chain, "speed"), _of_bodies(chain, "acceleration")
-    own, motion, speed, acceleration = (ca.SX.sym(x, k) for x, k in zip(names, (9, 12, 6, 6), strict=True))
-    (h, H), (k, K), (w, _), (dw, da) = _halves(own), _halves(motion), _halves(speed), _halves(acceleration)
+    own, motion, speed, acceleration = (
+        ca.SX.sym(x, k) for x, k in zip(names, (9, 12, 6, 6), strict=True)
+    )
+    (h, H), (k, K), (w, _), (dw, da) = (
+        _halves(own),
+        _halves(motion),
+        _halves(speed),
+        _halves(acceleration),
+    )
     f = mass * da + ca.cross(dw, h) + ca.cross(w, k)
     n_own = ca.cross(h, da) + _less(_symmetric(H), dw) + _less(ca.reshape(K, 3, 3), w)
     forces = dict(zip(names, (own, motion, speed, acceleration), strict=True)) | symbols
@@ -196,7 +228,16 @@ def _changes(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
     """The derivatives in coordinates and speeds."""
     n = len(chain.joints)
     mass, symbols, masses = _mass(chain, beyond=True)
-    sizes = {"axis": 6, "rate": 6, "speed": 6, "acceleration": 6, "mass": 9, "motion": 12, "force": 6, "momentum": 6}
+    sizes = {
+        "axis": 6,
+        "rate": 6,
+        "speed": 6,
+        "acceleration": 6,
+        "mass": 9,
+        "motion": 12,
+        "force": 6,
+        "momentum": 6,
+    }
     inputs = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     axis, rate, speed, acceleration, moments, motion, force, momentum = inputs.values()
     (z, b), (k, K), (n_all, f) = _halves(axis), _halves(motion), _halves(force)
@@ -219,7 +260,13 @@ def _changes(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
     return [
         Columns(_function("changes", inputs | symbols, results), n, masses),
         *(
-            Products((AXIS, Rows(f"wrench_{x}", 0, 6)), (FELT, Rows(f"change_{x}", 0, 9)), n, target, first)
+            Products(
+                (AXIS, Rows(f"wrench_{x}", 0, 6)),
+                (FELT, Rows(f"change_{x}", 0, 9)),
+                n,
+                target,
+                first,
+            )
             for x, (target, first) in (("q", by_q), ("v", by_v))
         ),
     ]
@@ -244,7 +291,9 @@ def _array_step(chain: Chain, name: str) -> list[Step]:
 def _mass(chain: Chain, beyond: bool) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
     """Masses of bodies, or of all bodies behind each joint, see `_number_rows`."""
     own = [joint.inertia.mass for joint in chain.joints]
-    masses = [sum(own[k:]) for k in range(len(own))] if beyond else [own[k] for k in bodies_of(chain)]
+    masses = (
+        [sum(own[k:]) for k in range(len(own))] if beyond else [own[k] for k in bodies_of(chain)]
+    )
     return _number_rows("masses", np.array([masses], dtype=float))
 
 
@@ -255,7 +304,9 @@ def _halves(x: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 def _rate_of_axis(speed: ca.SX, axis: ca.SX) -> ca.SX:
     """Rate of a spatial axis that moves with a spatial velocity: ``(w x z, w x b + v x z)``."""
-    return ca.vertcat(ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]) + ca.cross(speed[3:], axis[:3]))
+    return ca.vertcat(
+        ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]) + ca.cross(speed[3:], axis[:3])
+    )
 
 
 def _less(A: ca.SX, x: ca.SX) -> ca.SX:
@@ -275,12 +326,20 @@ def _symmetric(entries: ca.SX | Sequence[ca.SX]) -> ca.SX:
     return A
 
 
-def _number_rows(name: str, numbers: np.ndarray) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
+def _number_rows(
+    name: str, numbers: np.ndarray
+) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
     """Rows of numbers for all columns: entries for one, the symbols of those that differ, and their table."""
     differ = [i for i, row in enumerate(numbers) if row.min() != row.max()]
     symbol = ca.SX.sym(name, len(differ))
-    entries = [symbol[differ.index(i)] if i in differ else ca.SX(row[0]) for i, row in enumerate(numbers)]
-    return ca.vertcat(*entries), {name: symbol} if differ else {}, {name: numbers[differ]} if differ else {}
+    entries = [
+        symbol[differ.index(i)] if i in differ else ca.SX(row[0]) for i, row in enumerate(numbers)
+    ]
+    return (
+        ca.vertcat(*entries),
+        {name: symbol} if differ else {},
+        {name: numbers[differ]} if differ else {},
+    )
 
 
 def _function(name: str, inputs: Mapping[str, ca.SX], results: Mapping[str, ca.SX]) -> ca.Function:

@@ -12,7 +12,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexgen.recursion.dh_chain import Chain, Inertia, Joint
-from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, cross, plus, tilt, turn_by, turn_of
+from flexgen.recursion.newton_euler import (
+    Turn,
+    Vector3,
+    Wrench,
+    X,
+    Y,
+    Z,
+    cross,
+    plus,
+    tilt,
+    turn_by,
+    turn_of,
+)
 from flexgen.recursion.tape import Scalar, Tape, Value
 
 Matrix = list[list[Scalar]]
@@ -29,7 +41,11 @@ class Composite:
     def __add__(self, other: Inertia | Composite) -> Composite:
         if isinstance(other, Inertia):
             other = Composite(other.mass, other.first.tolist(), other.second.tolist())
-        return Composite(self.mass + other.mass, plus(self.first, other.first), add_matrices(self.second, other.second))
+        return Composite(
+            self.mass + other.mass,
+            plus(self.first, other.first),
+            add_matrices(self.second, other.second),
+        )
 
     def shifted(self, p: Sequence[Scalar]) -> Composite:
         """The same body about a point relative to which its origin is at p."""
@@ -113,7 +129,8 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     n = len(chain.joints)
     steps = _steps(tape, chain, q, together)
     M: Matrix = [[0.0] * n for _ in range(n)]
-    together_behind, apart_behind = [EMPTY] * n, [EMPTY] * n  # bodies of children that share axes, and of others
+    # bodies of children that share axes, and of others
+    together_behind, apart_behind = [EMPTY] * n, [EMPTY] * n
     for j in reversed(range(n)):
         joint, own = chain.joints[j], apart_behind[j] + chain.joints[j].inertia
         # the moment about the axis is invariant under the rotation
@@ -154,14 +171,18 @@ class _Step:
 
     def in_shared_axes(self, own: Composite) -> Composite:
         """A body in the joint's axes, in shared axes."""
-        return Composite(own.mass, self.turn_back(own.first), rotate_in_plane(own.second, X, Y, *self.turn))
+        return Composite(
+            own.mass, self.turn_back(own.first), rotate_in_plane(own.second, X, Y, *self.turn)
+        )
 
     def body_left(self, body: Composite) -> Composite:
         """A body in the axes of the joint before: shared ones, or its own."""
         if self.tilt is None:
             return body.shifted(plus(self.way, [0.0, 0.0, self.slide]))
         body = body.shifted([0.0, 0.0, self.slide])
-        return Composite(body.mass, tilt(self.tilt, body.first), _tilt_matrix(self.tilt, body.second)).shifted(self.way)
+        return Composite(
+            body.mass, tilt(self.tilt, body.first), _tilt_matrix(self.tilt, body.second)
+        ).shifted(self.way)
 
     def transfer_back(self, force: Vector3, moment: Vector3) -> Wrench:
         """A wrench in the axes of the joint before, about its origin."""
@@ -179,7 +200,9 @@ class _Step:
 
 def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
     """The joints of a chain in axes that neighbors with parallel axes share, or each in its own axes."""
-    parallel = [joint.twist == (1.0, 0.0) and joint.before == i - 1 for i, joint in enumerate(chain.joints)]
+    parallel = [
+        joint.twist == (1.0, 0.0) and joint.before == i - 1 for i, joint in enumerate(chain.joints)
+    ]
     shared = [together and i > 0 and along for i, along in enumerate(parallel)]
     out: list[_Step] = []
     angle: Scalar = 0.0

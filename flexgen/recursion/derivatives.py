@@ -23,7 +23,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexgen.recursion.composite_body import EMPTY, Composite, Matrix, add_matrices, dot, rotate_back
+from flexgen.recursion.composite_body import (
+    EMPTY,
+    Composite,
+    Matrix,
+    add_matrices,
+    dot,
+    rotate_back,
+)
 from flexgen.recursion.dh_chain import Chain
 from flexgen.recursion.newton_euler import (
     Motion,
@@ -55,7 +62,11 @@ class _Change:
 
     def of(self, change: _Change) -> Scalar:
         """Value of these covectors for a change."""
-        return dot(self.sweep, change.sweep) + dot(self.turn, change.turn) + dot(self.shift, change.shift)
+        return (
+            dot(self.sweep, change.sweep)
+            + dot(self.turn, change.turn)
+            + dot(self.shift, change.shift)
+        )
 
 
 @dataclass(frozen=True)
@@ -68,7 +79,9 @@ class _Beyond:
 
     def __add__(self, other: _Beyond) -> _Beyond:
         return _Beyond(
-            self.body + other.body, plus(self.momentum, other.momentum), add_matrices(self.moment, other.moment)
+            self.body + other.body,
+            plus(self.momentum, other.momentum),
+            add_matrices(self.moment, other.moment),
         )
 
     def wrench(self, change: _Change) -> tuple[Vector3, Vector3]:
@@ -91,7 +104,12 @@ def _less(A: Matrix, x: Vector3) -> Vector3:
 
 
 def derivatives(
-    tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], dv: Sequence[Scalar], columns: Sequence[bool]
+    tape: Tape,
+    chain: Chain,
+    q: Sequence[Scalar],
+    v: Sequence[Scalar],
+    dv: Sequence[Scalar],
+    columns: Sequence[bool],
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Derivatives of inverse dynamics in coordinates, velocities and accelerations (the mass matrix).
 
@@ -109,12 +127,16 @@ def derivatives(
     turns = [turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)]
     moving = motions(tape, chain, turns, q, v, dv, columns)
     sums = project_wrenches(chain, q, turns, loads(chain, moving))[1]
-    changes = [_changes(motion, joint.revolute) for motion, joint in zip(moving, chain.joints, strict=True)]
+    changes = [
+        _changes(motion, joint.revolute) for motion, joint in zip(moving, chain.joints, strict=True)
+    ]
     by_q, by_v, by_dv = (_zeros(n) for _ in range(3))
     behind = [_Beyond(EMPTY, [0.0] * 3, [[0.0] * 3 for _ in range(3)])] * n
     for j in reversed(range(n)):
         joint, w, (force, moment) = chain.joints[j], moving[j].w, sums[j]
-        beyond = _add_momentum(behind[j], w, joint.inertia.first.tolist(), joint.inertia.second.tolist())
+        beyond = _add_momentum(
+            behind[j], w, joint.inertia.first.tolist(), joint.inertia.second.tolist()
+        )
         beyond = _Beyond(beyond.body + joint.inertia, beyond.momentum, beyond.moment)
         feels = _feeling(beyond, joint.revolute)
         of_q, of_v = (beyond.wrench(change) for change in changes[j])
@@ -128,12 +150,18 @@ def derivatives(
         k = j
         for i in chain.ancestors(j):
             here, turn, x, speed = chain.joints[k], turns[k], q[k], v[k]
-            of_q, of_v = move_wrench_before(here, turn, x, *of_q), move_wrench_before(here, turn, x, *of_v)
+            of_q, of_v = (
+                move_wrench_before(here, turn, x, *of_q),
+                move_wrench_before(here, turn, x, *of_v),
+            )
             sweep = feels.sweep
             if not here.revolute:
                 sweep = plus(sweep, cross(_slide(moving[k], x, speed), feels.shift))
             shift, turn_felt = move_wrench_before(here, turn, x, feels.shift, feels.turn)
-            sweep = plus(turn.back(sweep), cross([2.0 * y for y in cross(moving[i].w, here.place.tolist())], shift))
+            sweep = plus(
+                turn.back(sweep),
+                cross([2.0 * y for y in cross(moving[i].w, here.place.tolist())], shift),
+            )
             feels = _Change(sweep, turn_felt, shift)
             felt = 1 if chain.joints[i].revolute else 0
             by_q[i][j], by_v[i][j] = of_q[felt][Z], of_v[felt][Z]
@@ -141,7 +169,9 @@ def derivatives(
             by_q[j][i], by_v[j][i] = (feels.of(change) for change in changes[i])
             k = i
         if joint.before >= 0:
-            behind[joint.before] = _transfer_back(beyond, chain, turns[j], moving, q, v, j) + behind[joint.before]
+            behind[joint.before] = (
+                _transfer_back(beyond, chain, turns[j], moving, q, v, j) + behind[joint.before]
+            )
     return by_q, by_v, by_dv
 
 
@@ -160,7 +190,9 @@ def _feeling(beyond: _Beyond, revolute: bool) -> _Change:
     body, P = beyond.body, beyond.moment
     s, S = body.first, body.second
     if not revolute:
-        return _Change([2.0 * x for x in cross(beyond.momentum, AXIS)], cross(s, AXIS), [0.0, 0.0, body.mass])
+        return _Change(
+            [2.0 * x for x in cross(beyond.momentum, AXIS)], cross(s, AXIS), [0.0, 0.0, body.mass]
+        )
     sweep = [-2.0 * P[Z][X], -2.0 * P[Z][Y], 2.0 * (P[X][X] + P[Y][Y])]
     return _Change(sweep, [-S[Z][X], -S[Z][Y], S[X][X] + S[Y][Y]], [-s[Y], s[X], 0.0])
 
@@ -197,7 +229,11 @@ def _transfer_back(
     body = Composite(body.mass, turn.back(body.first), rotate_back(turn, body.second))
     place = joint.place.tolist()
     moved = _move_moments(
-        body, turn.back(momentum), rotate_back(turn, moment), place, cross(moving[joint.before].w, place)
+        body,
+        turn.back(momentum),
+        rotate_back(turn, moment),
+        place,
+        cross(moving[joint.before].w, place),
     )
     return _Beyond(*moved)
 
@@ -207,7 +243,10 @@ def _move_moments(
 ) -> tuple[Composite, Vector3, Matrix]:
     """Moments about a point relative to which the origin is at p and moves with the velocity u."""
     after = body.shifted(p)
-    out = [[moment[i][k] + u[i] * after.first[k] + momentum[i] * p[k] for k in (X, Y, Z)] for i in (X, Y, Z)]
+    out = [
+        [moment[i][k] + u[i] * after.first[k] + momentum[i] * p[k] for k in (X, Y, Z)]
+        for i in (X, Y, Z)
+    ]
     return after, plus(momentum, [body.mass * x for x in u]), out
 
 

@@ -28,7 +28,8 @@ from flexgen.model.elements import Body, Dof, Placement, RobotModel
 # Rounding of the changes of frame leaves entries of about 1e-16 that should be zero; what is below this fraction of its
 # neighbors is set to zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
 ROUNDING = 1e-14
-NEARLY_PARALLEL = 0.1  # sine of the angle between axes below which frames are not moved to where the axes are closest
+# sine of the angle between axes below which frames are not moved to where the axes are closest
+NEARLY_PARALLEL = 0.1
 
 Pose = tuple[np.ndarray, np.ndarray]  # rotation, position: p_parent = position + rotation @ p_child
 
@@ -51,7 +52,12 @@ class Inertia:
         """Inertia expressed in the frame in which this frame has the given pose."""
         rotation, position = pose
         first, cross = rotation @ self.first, np.outer(position, rotation @ self.first)
-        second = rotation @ self.second @ rotation.T + cross + cross.T + self.mass * np.outer(position, position)
+        second = (
+            rotation @ self.second @ rotation.T
+            + cross
+            + cross.T
+            + self.mass * np.outer(position, position)
+        )
         return Inertia(self.mass, first + self.mass * position, second)
 
     def scaled(self, factor: float) -> Inertia:
@@ -183,7 +189,9 @@ def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
             if motor.carrier == carrier:
                 # a rotor at rest against its carrier turns with it about its axis
                 axis = np.array(motor.axis)
-                rotor = Body(inertia=tuple(map(tuple, (motor.inertia * np.outer(axis, axis)).tolist())))
+                rotor = Body(
+                    inertia=tuple(map(tuple, (motor.inertia * np.outer(axis, axis)).tolist()))
+                )
                 raws[last].inertia = raws[last].inertia + inertia_of(rotor).moved(pose)
 
     def step(dof: Dof) -> None:
@@ -260,8 +268,12 @@ def _tidy(inertia: Inertia, *parts: Inertia) -> Inertia:
     """Inertia with entries below `ROUNDING` of its parts set to zero; diagonal entries that close become equal."""
     largest = max(float(np.abs(x.second).max()) for x in (inertia, *parts))
     heavy = max(abs(x.mass) for x in (inertia, *parts))
-    reach = max(*(float(np.abs(x.first).max()) for x in (inertia, *parts)), float(np.sqrt(heavy * largest)))
-    second = np.where(np.abs(inertia.second) <= ROUNDING * largest, 0.0, (inertia.second + inertia.second.T) / 2)
+    reach = max(
+        *(float(np.abs(x.first).max()) for x in (inertia, *parts)), float(np.sqrt(heavy * largest))
+    )
+    second = np.where(
+        np.abs(inertia.second) <= ROUNDING * largest, 0.0, (inertia.second + inertia.second.T) / 2
+    )
     for i, k in ((0, 1), (0, 2), (1, 2)):
         if abs(second[i, i] - second[k, k]) <= ROUNDING * largest:
             second[k, k] = second[i, i]
@@ -289,7 +301,12 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
     # axes that are nearly parallel meet far away: there the frames stay where they are
     meeting = abs(twist[1]) > NEARLY_PARALLEL
     along = float(local[2] + (local[1] * twist[0] / twist[1] if meeting else 0.0))
-    return (turn, np.array([0.0, 0.0, along])), snap(local - np.array([0.0, 0.0, along]), size), twist, h
+    return (
+        (turn, np.array([0.0, 0.0, along])),
+        snap(local - np.array([0.0, 0.0, along]), size),
+        twist,
+        h,
+    )
 
 
 def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mass: bool) -> Chain:
@@ -301,7 +318,8 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mas
     n = len(raws)
     gauges: list[Pose] = [AT_REST] * n  # the frame that is used, in the raw one
     joints: dict[int, Joint] = {}
-    first = {raws[i].before: i for i in reversed(range(n))}  # children that their frames are placed for
+    # children that their frames are placed for
+    first = {raws[i].before: i for i in reversed(range(n))}
     free = {i for i in range(n) if i not in first}
     for i in free if to_mass else ():
         heavy = _tidy(raws[i].inertia).first
@@ -309,14 +327,18 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mas
             gauges[i] = _about_z(float(np.arctan2(heavy[1], heavy[0]))), np.zeros(3)
     turned = {i for i in free if gauges[i] is not AT_REST}
 
-    def add(i: int, place: np.ndarray, twist: tuple[float, float], h: float, lead: float = 0.0) -> None:
+    def add(
+        i: int, place: np.ndarray, twist: tuple[float, float], h: float, lead: float = 0.0
+    ) -> None:
         quarters, rest = _quarter(h)
         if i in free - turned and rest != 0.0:
             gauges[i], rest = (_about_z(-rest), np.zeros(3)), 0.0
         inertia = _tidy(raws[i].inertia.moved(inverse(gauges[i])))
         about = _about_z(lead)
         ahead = (float(about[0, 0]), float(about[1, 0]))
-        joints[i] = Joint(raws[i].revolute, place, twist, rest, quarters, inertia, raws[i].before, ahead)
+        joints[i] = Joint(
+            raws[i].revolute, place, twist, rest, quarters, inertia, raws[i].before, ahead
+        )
 
     for i in reversed([i for i in range(n) if first[raws[i].before] == i]):
         pose, before = compose(raws[i].pose, gauges[i]), raws[i].before
@@ -343,7 +365,11 @@ def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndar
     if not (turns and down[0] and down[1]):
         return pose, down, 0.0
     angle = float(np.arctan2(down[1], down[0]))
-    return compose(pose, (_about_z(angle), np.zeros(3))), np.array([np.hypot(down[0], down[1]), 0.0, down[2]]), -angle
+    return (
+        compose(pose, (_about_z(angle), np.zeros(3))),
+        np.array([np.hypot(down[0], down[1]), 0.0, down[2]]),
+        -angle,
+    )
 
 
 @dataclass(frozen=True)
@@ -372,8 +398,13 @@ def regroup(chain: Chain, kept: Sequence[KeptInertia]) -> Chain:
         ahead = joints[joint.before].inertia if joint.before >= 0 else NOTHING
         rotation = rotation_before(joint)
         if joint.revolute:
-            line, spread = (0.0 if keep.first else own.first[2]), (0.0 if keep.second else own.second[2, 2])
-            gone = Inertia(0.0 if keep.mass == "all" else own.mass, line * axis, spread * np.outer(axis, axis))
+            line, spread = (
+                (0.0 if keep.first else own.first[2]),
+                (0.0 if keep.second else own.second[2, 2]),
+            )
+            gone = Inertia(
+                0.0 if keep.mass == "all" else own.mass, line * axis, spread * np.outer(axis, axis)
+            )
             if keep.mass == "balance":
                 stays = _balance(ahead + gone.moved((rotation, joint.place)), joint.place)
                 # (a short distance would need a large mass, and large masses that cancel would cost digits)
@@ -384,7 +415,9 @@ def regroup(chain: Chain, kept: Sequence[KeptInertia]) -> Chain:
         joints[i] = replace(joint, inertia=_tidy(own + gone.scaled(-1.0), own))
         if joint.before >= 0:
             moved = gone.moved((rotation, joint.place))
-            joints[joint.before] = replace(joints[joint.before], inertia=_tidy(ahead + moved, ahead, moved))
+            joints[joint.before] = replace(
+                joints[joint.before], inertia=_tidy(ahead + moved, ahead, moved)
+            )
     return replace(chain, joints=tuple(joints))
 
 

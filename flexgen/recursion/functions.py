@@ -16,12 +16,19 @@ import numpy as np
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import split_product
 from flexgen.mechanics.system import Built
-from flexgen.recursion import accelerations, composite_body, inversion_functions, kinematics, products
+from flexgen.recursion import (
+    accelerations,
+    composite_body,
+    inversion_functions,
+    kinematics,
+    products,
+)
 from flexgen.recursion.arm import Arm, Columns, Route, arm_of, matrix_of, vectors
 from flexgen.recursion.dh_chain import Chain, make_chain
 from flexgen.recursion.tape import Scalar, Tape
 
-_WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")  # with the motors
+# with the motors
+_WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")
 TRIALS = 3  # states at which a robot is tested before the recursion is used for it
 AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors that matter
 
@@ -69,9 +76,16 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     model = equations.model
     base, product = split_product(name)
     carried = model.motor_coupling == "complete" and base in _WHOLE
-    carried = carried or (name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None)
+    carried = carried or (
+        name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None
+    )
     inertias = any(parameter.inertia for parameter in equations.parameters)
-    if base not in _BUILDERS or carried or inertias or any(e.beam is not None for e in model.elements):
+    if (
+        base not in _BUILDERS
+        or carried
+        or inertias
+        or any(e.beam is not None for e in model.elements)
+    ):
         return None
     arm = arm_of(equations)
     if name not in arm.functions:
@@ -88,7 +102,8 @@ def _product(arm: Arm, name: str, product: str) -> Built | None:
     function = recursive_function(arm.equations, name)
     if function is None or "parameters" in function.name_in() or name not in products.BUILDERS:
         return None if function is None else products.of_function(arm, function, product)
-    recursive_function(arm.equations, "arm_forward_dynamics")  # (chooses the recursion for accelerations)
+    # (chooses the recursion for accelerations)
+    recursive_function(arm.equations, "arm_forward_dynamics")
     return products.BUILDERS[name](arm, product)
 
 
@@ -110,7 +125,8 @@ def agrees(equations: Equations) -> bool:
     rng, n_a = np.random.default_rng(0), equations.model.n_a
     values = np.array([parameter.value for parameter in equations.parameters])
     states = [
-        {name: rng.uniform(-1.0, 1.0, n_a) for name in ("q_a", "v_a", "a_a")} | {"parameters": values}
+        {name: rng.uniform(-1.0, 1.0, n_a) for name in ("q_a", "v_a", "a_a")}
+        | {"parameters": values}
         for _ in range(TRIALS)
     ]
     for name in ("inverse_dynamics", "mass_matrix", "forward_kinematics"):
@@ -132,7 +148,17 @@ def _passes(equations: Equations) -> bool:
 
 def operations_of(function: ca.Function) -> int:
     """Arithmetic operations of an SX function; sines, cosines and other functions are not counted."""
-    counted = (ca.OP_DIV, ca.OP_INV, ca.OP_SQRT, ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE)
+    counted = (
+        ca.OP_DIV,
+        ca.OP_INV,
+        ca.OP_SQRT,
+        ca.OP_ADD,
+        ca.OP_SUB,
+        ca.OP_MUL,
+        ca.OP_NEG,
+        ca.OP_SQ,
+        ca.OP_TWICE,
+    )
     return sum(function.instruction_id(k) in counted for k in range(function.n_instructions()))
 
 
@@ -146,7 +172,12 @@ def _inverse_dynamics(arm: Arm) -> Built:
         q, v, a = vectors(tape, *inputs)
         return arm.torques(tape, chain, q, v, a, columns)
 
-    return inputs, ["q_a", "v_a", "a_a"], [ca.vertcat(*arm.shortest([route], several=False))], ["tau_a"]
+    return (
+        inputs,
+        ["q_a", "v_a", "a_a"],
+        [ca.vertcat(*arm.shortest([route], several=False))],
+        ["tau_a"],
+    )
 
 
 def _bias(arm: Arm) -> Built:
@@ -192,9 +223,12 @@ def _arm_forward_dynamics(arm: Arm) -> Built:
 def _accelerations(arm: Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
     """Accelerations of the arm under forces, expressions in any symbols, with rotors that add to the mass matrix."""
     shared = accelerations.kind(armature)
-    if shared and np.any(armature):  # the choice depends on the arm only, not on the function that is asked for first
+    # the choice depends on the arm only, not on the function that is asked for first
+    if shared and np.any(armature):
         recursive_function(arm.equations, "arm_forward_dynamics")
-    routes: list[Route] = [lambda *plan, by=by: by(*plan).a for by in accelerations.routes(arm, force, armature)]
+    routes: list[Route] = [
+        lambda *plan, by=by: by(*plan).a for by in accelerations.routes(arm, force, armature)
+    ]
     return ca.vertcat(*arm.shortest(routes, kind=shared))
 
 
@@ -267,7 +301,9 @@ def _residual_jacobians(arm: Arm) -> Built:
 
 def _forward_kinematics(arm: Arm) -> Built:
     inputs, tape = arm.symbols("q_a"), Tape()
-    p, R = kinematics.tool_pose(tape, make_chain(arm.model, to_mass=False), arm.to_joints(tape.vector(inputs[0])))
+    p, R = kinematics.tool_pose(
+        tape, make_chain(arm.model, to_mass=False), arm.to_joints(tape.vector(inputs[0]))
+    )
     flat = tape.build([*p, *(x for row in R for x in row)])
     return inputs, ["q_a"], [ca.vertcat(*flat[:3]), matrix_of(flat[3:], 3)], ["p", "R"]
 
@@ -275,7 +311,12 @@ def _forward_kinematics(arm: Arm) -> Built:
 def _jacobian(arm: Arm) -> Built:
     inputs, tape = arm.symbols("q_a"), Tape()
     J = arm.jacobian(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
-    return inputs, ["q_a"], [matrix_of(tape.build([x for row in J for x in row]), arm.model.n_a)], ["J"]
+    return (
+        inputs,
+        ["q_a"],
+        [matrix_of(tape.build([x for row in J for x in row]), arm.model.n_a)],
+        ["J"],
+    )
 
 
 def _tool_motion(arm: Arm) -> Built:

@@ -46,13 +46,19 @@ def _output_constraint(arm: Arm) -> Built:
     place, turn, flat = ca.vertcat(*flat[:3]), matrix_of(flat[3:12], 3), flat[12:]
     target = ca.SX.sym("target", output.target_size)
     error = pose_error(place, turn, target) if output.type == "tool_pose" else place[kept] - target
-    return constraint_ports(equations, target, error, matrix_of(flat[n_y:], n_a), ca.vertcat(*flat[:n_y]))
+    return constraint_ports(
+        equations, target, error, matrix_of(flat[n_y:], n_a), ca.vertcat(*flat[:n_y])
+    )
 
 
 def _rate_rows(arm: Arm) -> list[int]:
     """Rows of the tool's twist that are rates of the output."""
     output = arm.model.output
-    return list(range(6)) if output.type == "tool_pose" else ["xyz".index(axis) for axis in output.axes]
+    return (
+        list(range(6))
+        if output.type == "tool_pose"
+        else ["xyz".index(axis) for axis in output.axes]
+    )
 
 
 def _inversion_rows(arm: Arm) -> Built:
@@ -80,12 +86,20 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     found: list[list[list[Scalar]]] = [[], [], []]  # columns
     for J, first, second in moving.columns:
         turned = [*still, *cross(moving.w, J[3:])]
-        again = [*still, *(x + y for x, y in zip(cross(moving.dw, J[3:]), cross(moving.w, first[3:]), strict=True))]
+        again = [
+            *still,
+            *(
+                x + y
+                for x, y in zip(cross(moving.dw, J[3:]), cross(moving.w, first[3:]), strict=True)
+            ),
+        ]
         found[0].append([x - y for x, y in zip(first, turned, strict=True)])
         found[1].append([x - y for x, y in zip(second, again, strict=True)])
         found[2].append([2.0 * x - y for x, y in zip(first, turned, strict=True)])
     kept, n = _rate_rows(arm), arm.model.n_a
-    flat = tape.build([column[i] for columns in found for i in kept for column in arm.to_coordinates(columns)])
+    flat = tape.build(
+        [column[i] for columns in found for i in kept for column in arm.to_coordinates(columns)]
+    )
     size = len(kept) * n
     return [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
 

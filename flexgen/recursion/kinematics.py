@@ -35,12 +35,19 @@ class _Group:
     def turned(self) -> Matrix:
         """The axes after all of its members."""
         c, s = self.turn
-        return [combine_axes(self.axes, [c, s, 0.0]), combine_axes(self.axes, [-s, c, 0.0]), self.axes[Z]]
+        return [
+            combine_axes(self.axes, [c, s, 0.0]),
+            combine_axes(self.axes, [-s, c, 0.0]),
+            self.axes[Z],
+        ]
 
     @property
     def end(self) -> Vector3:
         """Its end, in the world."""
-        return plus(plus(self.origin, combine_axes(self.axes, self.step)), combine_axes(self.turned, self.place))
+        return plus(
+            plus(self.origin, combine_axes(self.axes, self.step)),
+            combine_axes(self.turned, self.place),
+        )
 
 
 def _rotate_about_z(turn: tuple[Scalar, Scalar], v: Sequence[Scalar]) -> Vector3:
@@ -137,7 +144,9 @@ class Rates:
     bias: Vector3
 
 
-def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar]) -> Rates:
+def rates(
+    tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar]
+) -> Rates:
     """The `Rates` at speeds v and accelerations a; arguments otherwise as for `tool_pose`.
 
     An axis z of a body with angular velocity w moves with ``z' = w x z``, ``z'' = w' x z + w x z'``, and so does the
@@ -172,13 +181,17 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
         else:
             way, first, second = ways.pop()
             twice = 2.0 * speed
-            second = [second[k] + z[k] * acceleration + z1[k] * twice + z2[k] * x for k in (X, Y, Z)]
+            second = [
+                second[k] + z[k] * acceleration + z1[k] * twice + z2[k] * x for k in (X, Y, Z)
+            ]
             first = [first[k] + z[k] * speed + z1[k] * x for k in (X, Y, Z)]
             ways.append(([way[k] + z[k] * x for k in (X, Y, Z)], first, second))
     ways.append(_differentiate_rotating(combine_axes(turned, chain.tool[1].tolist()), w, dw))
     columns: list[tuple[Vector3, Vector3, Vector3]] = [([0.0] * 6, [0.0] * 6, [0.0] * 6) for _ in q]
     r, r1, r2 = ways[-1]
-    for i, (z, z1, z2), step in zip(reversed(chain.to_tool), reversed(lines), reversed(ways[:-1]), strict=True):
+    for i, (z, z1, z2), step in zip(
+        reversed(chain.to_tool), reversed(lines), reversed(ways[:-1]), strict=True
+    ):
         if chain.joints[i].revolute:
             double = [2.0 * x for x in z1]
             first = plus(cross(z1, r), cross(z, r1))
@@ -190,7 +203,9 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
     return Rates(columns, w, dw, [*r2, *dw])
 
 
-def _differentiate_rotating(s: Vector3, w: Vector3, dw: Vector3) -> tuple[Vector3, Vector3, Vector3]:
+def _differentiate_rotating(
+    s: Vector3, w: Vector3, dw: Vector3
+) -> tuple[Vector3, Vector3, Vector3]:
     """A vector that rotates with the angular velocity w, and its first two time derivatives."""
     first = cross(w, s)
     return s, first, plus(cross(dw, s), cross(w, first))

@@ -70,7 +70,9 @@ def tilt(by: Joint | Turn, v: Vector3) -> Vector3:
 def turn_of(tape: Tape, joint: Joint, q: Scalar) -> Turn:
     """The rotation of a joint at its coordinate."""
     angle = q + joint.turn if joint.revolute else joint.turn
-    return Turn(joint.lead, joint.twist, *turn_by(tape, angle, joint.quarters), angle, joint.quarters)
+    return Turn(
+        joint.lead, joint.twist, *turn_by(tape, angle, joint.quarters), angle, joint.quarters
+    )
 
 
 def turn_by(tape: Tape, angle: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
@@ -170,7 +172,14 @@ def _sparse(x: Sequence[Scalar]) -> bool:
 
 
 def move_to_next_frame(
-    tape: Tape, motion: Motion, joint: Joint, turn: Turn, x: Scalar, v: Scalar, dv: Scalar, by_column: bool
+    tape: Tape,
+    motion: Motion,
+    joint: Joint,
+    turn: Turn,
+    x: Scalar,
+    v: Scalar,
+    dv: Scalar,
+    by_column: bool,
 ) -> Motion:
     """The motion of the next frame, whose joint has the coordinate x, the speed v and the acceleration dv."""
     carried = motion.along(joint.place.tolist())
@@ -179,7 +188,13 @@ def move_to_next_frame(
     root, total = motion.root, replace(turn, lead=(1.0, 0.0), twist=(1.0, 0.0))
     if root is not None and joint.twist == (1.0, 0.0):
         root = replace(root, angle=root.angle + turn.angle, quarters=root.quarters + turn.quarters)
-        total = Turn(joint.lead, joint.twist, *turn_by(tape, root.angle, root.quarters), root.angle, root.quarters)
+        total = Turn(
+            joint.lead,
+            joint.twist,
+            *turn_by(tape, root.angle, root.quarters),
+            root.angle,
+            root.quarters,
+        )
     else:
         w, column, a = (untilt(joint, x) for x in (motion.w, axis, motion.a))
         root = _Root(w, column, a, turn.angle, turn.quarters)
@@ -196,19 +211,29 @@ def move_to_next_frame(
         column = rotate(axis, root.column)
         spin = untilt(joint, motion.dw)[Z]
         if joint.revolute:
-            return Motion([w[X], w[Y], w[Z] + v], a, (None, None, spin + dv), (column[X], column[Y]), root)
+            return Motion(
+                [w[X], w[Y], w[Z] + v], a, (None, None, spin + dv), (column[X], column[Y]), root
+            )
         known = Motion(w, a, (None, None, spin), (column[X], column[Y]), root)
     else:
         dw = turn.into(motion.dw)
         root = replace(root, column=[])
         if joint.revolute:
-            return Motion([w[X], w[Y], w[Z] + v], a, (dw[X] + w[Y] * v, dw[Y] - w[X] * v, dw[Z] + dv), None, root)
+            return Motion(
+                [w[X], w[Y], w[Z] + v],
+                a,
+                (dw[X] + w[Y] * v, dw[Y] - w[X] * v, dw[Z] + dv),
+                None,
+                root,
+            )
         known = Motion(w, a, (dw[X], dw[Y], dw[Z]), None, root)
     slid = known.along([0.0, 0.0, x])
     twice = 2.0 * v
     root = replace(root, a=[])
     return replace(
-        known, root=root, a=[a[X] + slid[X] + w[Y] * twice, a[Y] + slid[Y] - w[X] * twice, a[Z] + slid[Z] + dv]
+        known,
+        root=root,
+        a=[a[X] + slid[X] + w[Y] * twice, a[Y] + slid[Y] - w[X] * twice, a[Z] + slid[Z] + dv],
     )
 
 
@@ -241,7 +266,12 @@ def wrench(motion: Motion, body: Inertia) -> Wrench:
 
 
 def inverse_dynamics(
-    tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], dv: Sequence[Scalar], columns: Sequence[bool]
+    tape: Tape,
+    chain: Chain,
+    q: Sequence[Scalar],
+    v: Sequence[Scalar],
+    dv: Sequence[Scalar],
+    columns: Sequence[bool],
 ) -> list[Scalar]:
     """Generalized forces of the bodies, ``M dv + c + g``.
 
@@ -278,7 +308,9 @@ def motions(
     """Motion of the frames of all joints; arguments as in `inverse_dynamics`."""
     out: list[Motion] = []
     ground = Motion([0.0] * 3, (-chain.gravity).tolist(), (0.0, 0.0, 0.0))
-    for joint, turn, x, speed, acceleration, by_column in zip(chain.joints, turns, q, v, dv, columns, strict=True):
+    for joint, turn, x, speed, acceleration, by_column in zip(
+        chain.joints, turns, q, v, dv, columns, strict=True
+    ):
         motion = out[joint.before] if joint.before >= 0 else ground
         out.append(move_to_next_frame(tape, motion, joint, turn, x, speed, acceleration, by_column))
     return out
@@ -286,7 +318,9 @@ def motions(
 
 def loads(chain: Chain, moving: Sequence[Motion]) -> list[Wrench]:
     """Force and moment that each body needs, in the frame of its joint."""
-    return [wrench(motion, joint.inertia) for motion, joint in zip(moving, chain.joints, strict=True)]
+    return [
+        wrench(motion, joint.inertia) for motion, joint in zip(moving, chain.joints, strict=True)
+    ]
 
 
 def project_wrenches(
@@ -307,7 +341,9 @@ def project_wrenches(
     return tau, sums
 
 
-def move_wrench_before(joint: Joint, turn: Turn, x: Scalar, force: Vector3, moment: Vector3) -> Wrench:
+def move_wrench_before(
+    joint: Joint, turn: Turn, x: Scalar, force: Vector3, moment: Vector3
+) -> Wrench:
     """A wrench on the frame of a joint, as a wrench on the frame before."""
     if not joint.revolute:
         moment = [moment[X] - x * force[Y], moment[Y] + x * force[X], moment[Z]]

@@ -64,7 +64,12 @@ def _arm_forward_dynamics(arm: Arm, kind: str) -> Built:
         found = [_changes(arm, tau_a, still, *more)]
         return [*inputs, *more], [*names, *named], found, ["a_a" + TANGENT]
     more, named = symbols_like([tau_a], ["a_a"], COTANGENT)
-    return [*inputs, *more], [*names, *named], _weights(arm, tau_a, still, *more), [name + COTANGENT for name in names]
+    return (
+        [*inputs, *more],
+        [*names, *named],
+        _weights(arm, tau_a, still, *more),
+        [name + COTANGENT for name in names],
+    )
 
 
 def _forward_dynamics(arm: Arm, kind: str) -> Built:
@@ -72,7 +77,9 @@ def _forward_dynamics(arm: Arm, kind: str) -> Built:
     model, forces, inputs = arm.model, arm.equations.lagrangian.forces, arm.symbols(*STATE)
     n_a, n_m, i_m, i_g = model.n_a, model.n_m, list(model.i_m), list(model.i_g)
     inertia = [1.0 / model.motors[j].inertia for j in i_m]
-    eta = ca.SX(ca.DM([[0.0 if j in i_m else x for x in row] for j, row in enumerate(model.eta.tolist())]))
+    eta = ca.SX(
+        ca.DM([[0.0 if j in i_m else x for x in row] for j, row in enumerate(model.eta.tolist())])
+    )
     x, on_arm = ca.veccat(*inputs), forces[:n_a]
     if kind == "jvp":
         more, named = symbols_like(inputs, STATE, TANGENT)
@@ -93,7 +100,9 @@ def _forward_dynamics(arm: Arm, kind: str) -> Built:
     return [*inputs, *more], [*STATE, *named], found, [name + COTANGENT for name in STATE]
 
 
-def _changes(arm: Arm, force: ca.SX, armature: np.ndarray, dq: ca.SX, dv: ca.SX, df: ca.SX) -> ca.SX:
+def _changes(
+    arm: Arm, force: ca.SX, armature: np.ndarray, dq: ca.SX, dv: ca.SX, df: ca.SX
+) -> ca.SX:
     """Change of the accelerations for changes of coordinates, speeds and forces."""
 
     def route(by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:

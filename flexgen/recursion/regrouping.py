@@ -45,7 +45,11 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
     n = len(chain.joints)
     # moments of inertia that would move to the empty bodies between joints on one point are not regrouped
     points = [joint.before >= 0 and _on_a_point(chain, i) for i, joint in enumerate(chain.joints)]
-    groupings = [[KeptInertia()] * n, [KEPT_ALL] * n, [KeptInertia("none", point, point) for point in points]]
+    groupings = [
+        [KeptInertia()] * n,
+        [KEPT_ALL] * n,
+        [KeptInertia("none", point, point) for point in points],
+    ]
     starts = [(tuple(kept), tuple([column] * n)) for kept in groupings for column in (True, False)]
 
     def make(kept: tuple[KeptInertia, ...], columns: tuple[bool, ...]) -> Plan:
@@ -66,7 +70,11 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
 def _on_a_point(chain: Chain, i: int) -> bool:
     """Whether joint i turns about the same point as the one before it, which moves no body of its own."""
     here, own = chain.joints[i], chain.joints[chain.joints[i].before].inertia
-    return here.revolute and not here.place.any() and not (own.mass or own.first.any() or own.second.any())
+    return (
+        here.revolute
+        and not here.place.any()
+        and not (own.mass or own.first.any() or own.second.any())
+    )
 
 
 def _others(

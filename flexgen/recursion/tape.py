@@ -137,7 +137,11 @@ class Tape:
             first, c = int(first), c * second
         else:
             first = a.node
-        return Value(self, int(first), negative) if c == 1.0 else Value(self, self._node("*c", first, c), negative)
+        return (
+            Value(self, int(first), negative)
+            if c == 1.0
+            else Value(self, self._node("*c", first, c), negative)
+        )
 
     def constant(self, x: Scalar) -> Scalar:
         """A value that derivatives take for a constant."""
@@ -159,19 +163,30 @@ class Tape:
         """Derivatives of one result in symbols, from the result back; written on the tape as well."""
         return self._backward([(result, 1.0)], symbols, {})
 
-    def jvp(self, results: Sequence[Scalar], tangents: Iterable[tuple[Scalar, Scalar]]) -> list[Scalar]:
+    def jvp(
+        self, results: Sequence[Scalar], tangents: Iterable[tuple[Scalar, Scalar]]
+    ) -> list[Scalar]:
         """Rates of results where symbols ``x`` have the rates of the pairs ``(x, dx)``; rotations as a whole."""
         return self._forward(results, tangents, self._rotations(results))
 
-    def vjp(self, cotangents: Sequence[tuple[Scalar, Scalar]], symbols: Sequence[Scalar]) -> list[Scalar]:
+    def vjp(
+        self, cotangents: Sequence[tuple[Scalar, Scalar]], symbols: Sequence[Scalar]
+    ) -> list[Scalar]:
         """Derivatives in symbols of the sum of ``weight * result`` over pairs of them; rotations as a whole."""
-        return self._backward(cotangents, symbols, self._rotations([result for result, _ in cotangents]))
+        return self._backward(
+            cotangents, symbols, self._rotations([result for result, _ in cotangents])
+        )
 
     def _forward(
-        self, results: Sequence[Scalar], tangents: Iterable[tuple[Scalar, Scalar]], rotations: dict[int, _Rotation]
+        self,
+        results: Sequence[Scalar],
+        tangents: Iterable[tuple[Scalar, Scalar]],
+        rotations: dict[int, _Rotation],
     ) -> list[Scalar]:
         """Rates of results, operation by operation from the symbols on."""
-        add: Callable[[Scalar, Scalar], Scalar] = self._factored_sum if rotations else lambda x, y: x + y
+        add: Callable[[Scalar, Scalar], Scalar] = (
+            self._factored_sum if rotations else lambda x, y: x + y
+        )
         rate: dict[int, Scalar] = {}
         for x, dx in tangents:
             assert isinstance(x, Value) and not x.negative
@@ -197,7 +212,11 @@ class Tape:
             elif kind == "/":
                 found = -(da * (Value(self, node) * Value(self, node)))
             else:
-                found = -(da * self.sine(first)) if kind == "cos" else da * self.sine(first, cosine=True)
+                found = (
+                    -(da * self.sine(first))
+                    if kind == "cos"
+                    else da * self.sine(first, cosine=True)
+                )
             if isinstance(found, Value) or found != 0.0:
                 rate[node] = found
         out: list[Scalar] = []
@@ -207,7 +226,10 @@ class Tape:
         return out
 
     def _backward(
-        self, cotangents: Sequence[tuple[Scalar, Scalar]], symbols: Sequence[Scalar], rotations: dict[int, _Rotation]
+        self,
+        cotangents: Sequence[tuple[Scalar, Scalar]],
+        symbols: Sequence[Scalar],
+        rotations: dict[int, _Rotation],
     ) -> list[Scalar]:
         """Derivatives of a weighted sum of results, operation by operation from the results back."""
         weight: dict[int, Scalar] = {}
@@ -218,7 +240,9 @@ class Tape:
         for result, w in cotangents:
             if isinstance(result, Value):
                 add(result.node, -w if result.negative else w)
-        for node in reversed(self.find_needed([result for result, _ in cotangents], constants=False)):
+        for node in reversed(
+            self.find_needed([result for result, _ in cotangents], constants=False)
+        ):
             kind, a, b = self.operations[node]
             w = weight.get(node, 0.0)
             if kind in ("symbol", "=") or not (isinstance(w, Value) or w):
@@ -240,7 +264,10 @@ class Tape:
             elif kind == "/":
                 add(a, -(w * (Value(self, node) * Value(self, node))))
             else:
-                add(a, -(w * self.sine(first)) if kind == "cos" else w * self.sine(first, cosine=True))
+                add(
+                    a,
+                    -(w * self.sine(first)) if kind == "cos" else w * self.sine(first, cosine=True),
+                )
         return [weight.get(x.node, 0.0) if isinstance(x, Value) else 0.0 for x in symbols]
 
     def _factored_sum(self, x: Scalar, y: Scalar) -> Scalar:
@@ -268,13 +295,23 @@ class Tape:
                 for first, other in (factors, factors[::-1]) if product == "*" else ():
                     function, angle, _ = self.operations[int(first)]
                     if function in ("cos", "sin"):
-                        terms.append((function, int(angle), Value(self, int(first), negative), int(other)))
+                        terms.append(
+                            (function, int(angle), Value(self, int(first), negative), int(other))
+                        )
                         break
-            if len(terms) == 2 and {terms[0][0], terms[1][0]} == {"cos", "sin"} and terms[0][1] == terms[1][1]:
+            if (
+                len(terms) == 2
+                and {terms[0][0], terms[1][0]} == {"cos", "sin"}
+                and terms[0][1] == terms[1][1]
+            ):
                 slope: Scalar = 0.0
                 for function, argument, factor, x in terms:
-                    turned = self.sine(Value(self, argument), cosine=function == "sin") * Value(self, x)
-                    slope = slope - turned if (function == "cos") != factor.negative else slope + turned
+                    turned = self.sine(Value(self, argument), cosine=function == "sin") * Value(
+                        self, x
+                    )
+                    slope = (
+                        slope - turned if (function == "cos") != factor.negative else slope + turned
+                    )
                 found[node] = terms[0][1], slope, tuple((factor, x) for _, _, factor, x in terms)
         return found
 
@@ -306,7 +343,9 @@ class Tape:
             if isinstance(x, Value) and x.negative:
                 kind, a, b = self.operations[x.node]
                 if kind in ("-", "*c"):
-                    x = Value(self, self._node(kind, b, a) if kind == "-" else self._node(kind, a, -b))
+                    x = Value(
+                        self, self._node(kind, b, a) if kind == "-" else self._node(kind, a, -b)
+                    )
             out.append(x)
         return out
 
@@ -332,7 +371,7 @@ class Tape:
                 count += kind in _ARITHMETIC
         return count
 
-    def build(self, results: Sequence[Scalar]) -> list[ca.SX]:
+    def build(self, results: Sequence[Scalar]) -> list[ca.SX]:  # noqa: C901
         """The results as CasADi scalars in the symbols they were made of."""
         results = self.absorb_signs(results)
         built: dict[int, ca.SX] = {}

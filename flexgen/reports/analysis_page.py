@@ -72,8 +72,14 @@ def tables(analysis: Analysis) -> str:
 def _equilibrium(analysis: Analysis) -> str:
     """Tables of the coordinates and of the motor torques."""
     model, rest = analysis.model, analysis.equilibrium
-    coordinates = [(html.escape(c.name), number(q), c.unit) for c, q in zip(model.coordinates, rest.q_a, strict=True)]
-    torques = [(html.escape(m.name), number(tau), "N m") for m, tau in zip(model.motors, rest.tau_m, strict=True)]
+    coordinates = [
+        (html.escape(c.name), number(q), c.unit)
+        for c, q in zip(model.coordinates, rest.q_a, strict=True)
+    ]
+    torques = [
+        (html.escape(m.name), number(tau), "N m")
+        for m, tau in zip(model.motors, rest.tau_m, strict=True)
+    ]
     return html_table(("coordinate", "value", "unit"), coordinates, (1,)) + html_table(
         ("motor", "torque", "unit"), torques, (1,)
     )

@@ -25,7 +25,12 @@ def text_of_calibration(found: Calibration) -> str:
         for label, e in errors
         if e is not None
     ]
-    parts = [title, table(rows, ("distance of the trackers from the model", "mean, mm", "sd, mm", "largest, mm"))]
+    parts = [
+        title,
+        table(
+            rows, ("distance of the trackers from the model", "mean, mm", "sd, mm", "largest, mm")
+        ),
+    ]
     parts.append(f"mean sag under gravity {1e3 * float(np.nanmean(found.sag)):.3g} mm")
     if found.tilt is not None:
         turns = ", ".join(f"{1e3 * x:.2g}" for x in found.tilt.tilt_rad)
@@ -35,7 +40,10 @@ def text_of_calibration(found: Calibration) -> str:
         )
     values, sd, determined = found.values, found.sd, found.determined
     listed = [u for u in found.unknowns if any(word in u.name for word in SHOWN.values())]
-    lines = [[u.name, u.start, values[u.name], sd[u.name] or None, u.unit, _mark(u, sd, determined)] for u in listed]
+    lines = [
+        [u.name, u.start, values[u.name], sd[u.name] or None, u.unit, _mark(u, sd, determined)]
+        for u in listed
+    ]
     if lines:
         parts.append(table(lines, ("number", "before", "calibrated", "sd", "unit", "")))
     rest = len(found.unknowns) - len(listed)

@@ -93,9 +93,13 @@ def _errors(run: ControlRun) -> str:
     units = [u for u in UNITS if columns_in(run.model, u)]
     for r in run.runs:
         f = run.figures(r)
-        values = ["-" if r.failure else number(1e3 * f[f"{key}_{u}"]) for u in units for key in KEYS]
+        values = [
+            "-" if r.failure else number(1e3 * f[f"{key}_{u}"]) for u in units for key in KEYS
+        ]
         torque = "-" if r.failure else number(f["torque_max_Nm"])
-        rows.append((html.escape(r.name), *values, torque, str(r.saturated), html.escape(r.failure)))
+        rows.append(
+            (html.escape(r.name), *values, torque, str(r.saturated), html.escape(r.failure))
+        )
     names = ("largest", "largest dynamic", "at rest before", "at rest after")
     errors = [f"{name}, m{u}" for u in units for name in names]
     columns = ("robot", *errors, "torque, N m", "samples at the limit", "failure")
@@ -103,7 +107,9 @@ def _errors(run: ControlRun) -> str:
         "<p>Static errors are those at rest before and after the motion, of a robot with other springs or load; the "
         "dynamic error is what remains when they are taken off along the path.</p>\n"
     )
-    loads = "".join(f"<p>{html.escape(r.name)}: load {html.escape(r.load)}.</p>\n" for r in run.runs if r.load)
+    loads = "".join(
+        f"<p>{html.escape(r.name)}: load {html.escape(r.load)}.</p>\n" for r in run.runs if r.load
+    )
     return html_table(columns, rows, range(1, len(columns) - 1)) + words + loads
 
 
@@ -162,7 +168,14 @@ def write_score(score: Score, directory: str | Path) -> Path:
             )
             for row in score.table
         ]
-        columns = ("measure", "unit", "weight", "reference", NOMINAL, *(f"worst of {name}" for name in sets))
+        columns = (
+            "measure",
+            "unit",
+            "weight",
+            "reference",
+            NOMINAL,
+            *(f"worst of {name}" for name in sets),
+        )
         parts += ["<h2>Measures</h2>\n", html_table(columns, rows, range(2, len(columns)))]
     drawn = [
         Picture(
@@ -189,10 +202,14 @@ def write_learned(learned: LearningResult, directory: str | Path) -> Path:
     for k, (r, correction) in enumerate(zip(learned.runs, learned.corrections, strict=True)):
         f = r.figures(r[learned.plant])
         failed = r[learned.plant].failure
-        shown = [1e3 * f[f"{key}_{unit}"] for key in ("error_max", "dynamic_error_max")] + [f["torque_max_Nm"]]
+        shown = [1e3 * f[f"{key}_{unit}"] for key in ("error_max", "dynamic_error_max")] + [
+            f["torque_max_Nm"]
+        ]
         values = ["-" if failed else number(x) for x in shown]
         largest = number(1e3 * float(np.abs(correction[:, columns_in(run.model, unit)]).max()))
-        rows.append((f"{k}{', best' if k == learned.best else ''}", *values, largest, html.escape(failed)))
+        rows.append(
+            (f"{k}{', best' if k == learned.best else ''}", *values, largest, html.escape(failed))
+        )
     told = [f"{what}, m{unit}" for what in ("error", "dynamic error", "largest correction")]
     columns = ("iteration", *told[:2], "torque, N m", told[2], "failure")
     load = run[learned.plant].load
@@ -200,7 +217,12 @@ def write_learned(learned: LearningResult, directory: str | Path) -> Path:
         f"<p>Low pass of the correction {number(learned.frequency_hz)} Hz, forwards and backwards, gain "
         f"{number(learned.gain)}. {html.escape(learned.stopped)}{f' Load {html.escape(load)}.' if load else ''}</p>\n"
     )
-    parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", words, html_table(columns, rows, range(1, 5))]
+    parts = [
+        head(title),
+        f"<h1>{html.escape(title)}</h1>\n",
+        words,
+        html_table(columns, rows, range(1, 5)),
+    ]
     drawn = [
         Picture(
             "learning",

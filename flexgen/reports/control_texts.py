@@ -25,7 +25,11 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
     rows = []
     for r in run.runs:
         f = run.figures(r)
-        lengths = [1e3 * f[f"{key}_{u}"] for u in units for key in ("error_max", "dynamic_error_max", "error_end")]
+        lengths = [
+            1e3 * f[f"{key}_{u}"]
+            for u in units
+            for key in ("error_max", "dynamic_error_max", "error_end")
+        ]
         force = [f["contact_max_N"]] if touched else []
         rows.append([r.name, *lengths, f["torque_max_Nm"], *force, r.saturated, r.failure])
     errors = (f"{what}, m{u}" for u in units for what in ("error", "dynamic", "at the end"))
@@ -34,24 +38,47 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
     lines = [
         f"{run.model.name}, move {run.solution.move.name}: {run.status}, controller {run.controller}, sample time "
         f"{number(1e3 * run.hardware.sample_s)} ms, delay {number(1e3 * run.delay_s)} ms",
-        *([f"the loop is unstable ({unstable}): errors grow, also after this run"] if unstable else []),
+        *(
+            [f"the loop is unstable ({unstable}): errors grow, also after this run"]
+            if unstable
+            else []
+        ),
         *run.force_lines(),
         "",
-        table(rows, ("robot", *errors, "torque, N m", *["wall, N"] * touched, "samples at the limit", "failure")),
+        table(
+            rows,
+            (
+                "robot",
+                *errors,
+                "torque, N m",
+                *["wall, N"] * touched,
+                "samples at the limit",
+                "failure",
+            ),
+        ),
         *(f"{r.name}: load {r.load}" for r in run.runs if r.load),
     ]
     if any(not r.failure for r in run.runs):
         lines += ["", accuracy_text(run.accuracy())]
     if margins:
         head = ("pose", "stable", "gain margin", "delay margin, ms")
-        lines += ["", table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head)]
+        lines += [
+            "",
+            table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head),
+        ]
     return "\n".join(lines)
 
 
 def accuracy_text(found: PathAccuracy) -> str:
     """Figures of ISO 9283 of the robots together, and those of each."""
-    title = f"ISO 9283, over {len(found.robots)} robots" if len(found.robots) > 1 else "ISO 9283, one robot"
-    return "\n".join([table(found.rows(), (title, "")), "", table(found.robot_rows(), found.robot_columns)])
+    title = (
+        f"ISO 9283, over {len(found.robots)} robots"
+        if len(found.robots) > 1
+        else "ISO 9283, one robot"
+    )
+    return "\n".join(
+        [table(found.rows(), (title, "")), "", table(found.robot_rows(), found.robot_columns)]
+    )
 
 
 def scores_text(scenario: Scenario, scores: Sequence[Score]) -> str:
@@ -61,16 +88,27 @@ def scores_text(scenario: Scenario, scores: Sequence[Score]) -> str:
     rows = [
         [
             s.controller,
-            *([s.total, *([s.worst, s.spread] if drawn else []), *s.parts.values()] if s.accepted else ["refused"]),
+            *(
+                [s.total, *([s.worst, s.spread] if drawn else []), *s.parts.values()]
+                if s.accepted
+                else ["refused"]
+            ),
             *([] if s.accepted else [""] * (1 + len(sets) + len(drawn))),
         ]
         for s in sorted(scores, key=lambda s: s.total if s.accepted else float("inf"))
     ]
-    parts = [paragraph(scenario.title_line), table(rows, ("controller", "V", *drawn, "nominal", *sets))]
+    parts = [
+        paragraph(scenario.title_line),
+        table(rows, ("controller", "V", *drawn, "nominal", *sets)),
+    ]
     if drawn:
         parts.append(paragraph(f"V: mean of {draws} draws, spread: standard deviation."))
     parts += [paragraph(f"{s.controller}: {s.rule}") for s in scores if s.rule]
-    parts += ["\n".join(f"{s.controller} is refused: {reason}" for reason in s.refused) for s in scores if s.refused]
+    parts += [
+        "\n".join(f"{s.controller} is refused: {reason}" for reason in s.refused)
+        for s in scores
+        if s.refused
+    ]
     if len(scores) == 1 and scores[0].accepted:
         columns = ("measure", "unit", "weight", "reference", "nominal", *sets)
         parts.append(table([[row[key] for key in columns] for row in scores[0].table], columns))

@@ -77,12 +77,17 @@ def _complex(z: complex) -> str:
     return f"{number(re_) if re_ else '0'} {sign} {number(abs(im))} i"
 
 
-def html_table(head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
+def html_table(
+    head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()
+) -> str:
     """A table of HTML cells; the columns ``numeric`` are right-aligned."""
     right = set(numeric)
 
     def row(cells: Iterable[str], tag: str) -> str:
-        out = (f"<{tag}{' class=n' if k in right else ''}>{cell}</{tag}>" for k, cell in enumerate(cells))
+        out = (
+            f"<{tag}{' class=n' if k in right else ''}>{cell}</{tag}>"
+            for k, cell in enumerate(cells)
+        )
         return f"<tr>{''.join(out)}</tr>".replace("class=n", 'class="n"')
 
     body = "\n".join(row(cells, "td") for cells in rows)
@@ -102,17 +107,27 @@ def _summary(solution: Solution) -> str:
         "<p>The limits keep the motion off the path. The error from the modified path shows how well this torque "
         "tracks the planned motion.</p>\n"
     )
-    return html_table(("quantity", "value", "unit"), rows, (1,)) + (note if solution.plan_error_max is not None else "")
+    return html_table(("quantity", "value", "unit"), rows, (1,)) + (
+        note if solution.plan_error_max is not None else ""
+    )
 
 
 def accuracy_tables(found: PathAccuracy) -> str:
     """Path accuracy, repeatability, settling and speed of robots together, and those of each of several."""
     rows = [_summary_row(figure) for figure in found.figures() if figure.value is not None]
-    each = [(html.escape(name), *row) for name, *row in found.robot_rows()] if len(found.robots) > 1 else []
+    each = (
+        [(html.escape(name), *row) for name, *row in found.robot_rows()]
+        if len(found.robots) > 1
+        else []
+    )
     return (
         "<h2>Accuracy in the sense of ISO 9283</h2>\n"
         + html_table(("quantity", "value", "unit"), rows, (1,))
-        + (html_table(found.robot_columns, each, range(1, len(found.robot_columns))) if each else "")
+        + (
+            html_table(found.robot_columns, each, range(1, len(found.robot_columns)))
+            if each
+            else ""
+        )
     )
 
 
@@ -130,8 +145,16 @@ def _summary_row(figure: Figure) -> tuple[str, str, str]:
 
 
 def _friction(f: Friction) -> str:
-    named = [("viscous", f.viscous), ("Coulomb", f.coulomb), ("Stribeck", f.stribeck), ("offset", f.offset)]
-    named += [(f"{kind} by load", getattr(f, f"load_{kind.lower()}", 0.0)) for kind in ("Coulomb", "Stribeck")]
+    named = [
+        ("viscous", f.viscous),
+        ("Coulomb", f.coulomb),
+        ("Stribeck", f.stribeck),
+        ("offset", f.offset),
+    ]
+    named += [
+        (f"{kind} by load", getattr(f, f"load_{kind.lower()}", 0.0))
+        for kind in ("Coulomb", "Stribeck")
+    ]
     return ", ".join(f"{name} {number(value)}" for name, value in named if value) or "none"
 
 
@@ -140,13 +163,19 @@ def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
 
     def row(j: int, motor: Motor) -> tuple[str, ...]:
         drives = ", ".join(
-            f"{html.escape(name)} ({number(ratio)})" for name, ratio in zip(motor.drives, motor.ratio, strict=True)
+            f"{html.escape(name)} ({number(ratio)})"
+            for name, ratio in zip(motor.drives, motor.ratio, strict=True)
         )
         torque = motor.torque_max if limits.torque is None else limits.torque[j]
         speed = motor.speed_max if limits.speed is None else limits.speed[j]
         peaks = [(tau, torque), (v, speed)]
         cells = [f"{number(np.abs(x[:, j]).max())} / {number(limit)}" for x, limit in peaks]
-        rms = float(np.sqrt(trapezoid(tau[:, j] ** 2, solution.trajectory.time) / np.ptp(solution.trajectory.time)))
+        rms = float(
+            np.sqrt(
+                trapezoid(tau[:, j] ** 2, solution.trajectory.time)
+                / np.ptp(solution.trajectory.time)
+            )
+        )
         return (
             html.escape(motor.name),
             drives,
@@ -182,7 +211,10 @@ def dynamics_tables(analysis: Analysis) -> str:
     out.append("<h3>Zeros of the output</h3>\n")
     zeros = [z for z in analysis.zeros.zeros if z.imag >= -1e-9 * abs(z)]
     if zeros:
-        written = ((f"{_complex(z)} and its conjugate" if z.imag > 1e-7 * abs(z) else _complex(z), z) for z in zeros)
+        written = (
+            (f"{_complex(z)} and its conjugate" if z.imag > 1e-7 * abs(z) else _complex(z), z)
+            for z in zeros
+        )
         sides = ((text, _side(z)) for text, z in written)
         out.append(html_table(("zero, 1/s", "stability"), sides))
     out.append(f"<p>{html.escape(plots.phase_summary(analysis).capitalize())}.")
@@ -195,7 +227,11 @@ def dynamics_tables(analysis: Analysis) -> str:
 def _side(z: complex) -> str:
     """Stability of a zero as text."""
     return (
-        "unstable" if z.real > ON_AXIS * abs(z) else "stable" if z.real < -ON_AXIS * abs(z) else "on the imaginary axis"
+        "unstable"
+        if z.real > ON_AXIS * abs(z)
+        else "stable"
+        if z.real < -ON_AXIS * abs(z)
+        else "on the imaginary axis"
     )
 
 
@@ -205,7 +241,8 @@ def _comparison(compared: tuple[Solution, ...]) -> str:
     units = [unit for unit in ("m", "rad") if any(f"largest_{unit}" in row for row in rows)]
     columns = ["method"] + [f"largest {'distance' if unit == 'm' else 'angle'}" for unit in units]
     cells = [
-        [html.escape(row["method"])] + [" ".join(_measure(row[f"largest_{unit}"], unit)) for unit in units]
+        [html.escape(row["method"])]
+        + [" ".join(_measure(row[f"largest_{unit}"], unit)) for unit in units]
         for row in rows
     ]
     note = (
@@ -215,7 +252,9 @@ def _comparison(compared: tuple[Solution, ...]) -> str:
         "the path; the static sag that a simpler model neglects is not part of this error.</p>\n"
     )
     return (
-        "<h2>Tool error by method, start on the path</h2>\n" + note + html_table(columns, cells, range(1, len(columns)))
+        "<h2>Tool error by method, start on the path</h2>\n"
+        + note
+        + html_table(columns, cells, range(1, len(columns)))
     )
 
 
@@ -235,17 +274,24 @@ def _robustness(rows: list[dict[str, Any]]) -> str:
     for control in sorted({row["control"] for row in rows}):
         for unit in ("m", "rad"):
             errors = {
-                (row["plant"], row["method"]): row[f"error_max_{unit}"] for row in rows if row["control"] == control
+                (row["plant"], row["method"]): row[f"error_max_{unit}"]
+                for row in rows
+                if row["control"] == control
             }
             if any(error is None for error in errors.values()):
                 continue
             cells = [
-                [html.escape(plant), *(" ".join(_measure(errors[plant, method], unit)) for method in methods)]
+                [
+                    html.escape(plant),
+                    *(" ".join(_measure(errors[plant, method], unit)) for method in methods),
+                ]
                 for plant in plants
             ]
             what = "distance" if unit == "m" else "angle"
             out.append(f"<h3>{control.capitalize()}, {what}: {meaning[control]}</h3>\n")
-            out.append(html_table(["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1)))
+            out.append(
+                html_table(["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1))
+            )
     return "".join(out)
 
 
@@ -311,7 +357,9 @@ def write_report(
     verified = tuple(one for one in compared if one.simulation is not None)
     drawn = pictures(equations, solution, analysis, limits or Limits(), verified)
     check_folder(directory, (PAGE, *(f"{picture.name}.svg" for picture in drawn)))
-    motion = write_motion(equations, solution.trajectory, solution.simulation, directory, solution.move.duration)
+    motion = write_motion(
+        equations, solution.trajectory, solution.simulation, directory, solution.move.duration
+    )
     title = f"{model.title}, move {solution.move.name}"
     parts = [
         head(title),
@@ -320,13 +368,17 @@ def write_report(
         _summary(solution),
         accuracy_tables(solution.accuracy()) if solution.simulation is not None else "",
         "<h2>Plots</h2>\n",
-        "" if motion is None else f'<p><a href="{motion.name}">The moving robot</a> (an animation)</p>\n',
+        ""
+        if motion is None
+        else f'<p><a href="{motion.name}">The moving robot</a> (an animation)</p>\n',
         *(figure_element(picture, directory) for picture in drawn),
         _comparison(verified) if len(verified) > 1 else "",
         _robustness(robustness) if robustness else "",
         "<h2>Motors</h2>\n",
         _motors(model, solution, limits or Limits()),
-        "<h2>Dynamics at the start of the move</h2>\n" + dynamics_tables(analysis) if analysis is not None else "",
+        "<h2>Dynamics at the start of the move</h2>\n" + dynamics_tables(analysis)
+        if analysis is not None
+        else "",
         _library_table(generated),
         f'<h2>Source of the model</h2>\n<p class="source">{html.escape(model.source.strip())}</p>\n'
         if model.source
@@ -375,7 +427,9 @@ def figure_element(picture: Picture, directory: Path) -> str:
             short = title.partition(": ")[2] or title
             text.set_text(short[:1].upper() + short[1:])
     drawing = re.sub(
-        r"^<svg ", f'<svg role="img" aria-label="{caption}" ', plots.svg(picture.figure, f"{picture.name}-")
+        r"^<svg ",
+        f'<svg role="img" aria-label="{caption}" ',
+        plots.svg(picture.figure, f"{picture.name}-"),
     )
     return f'<figure id="{picture.name}">\n{drawing}<figcaption>{caption}</figcaption>\n</figure>\n'
 
@@ -388,4 +442,6 @@ def report_solution(solution: Solution, folder: str | Path) -> Path:
 def report_comparison(comparison: Comparison, folder: str | Path) -> Path:
     """Write the report of a solution with the tables of a comparison, see `flexgen.compare`."""
     solution, rows = comparison.solution, comparison.robustness
-    return write_report(derive(solution.model), solution, folder, compared=comparison.solutions, robustness=rows)
+    return write_report(
+        derive(solution.model), solution, folder, compared=comparison.solutions, robustness=rows
+    )

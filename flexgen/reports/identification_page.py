@@ -56,7 +56,11 @@ def write_identification(identified: IdentificationResult, directory: str | Path
             "noise is the only difference, half of the points are below the black line and 95 % below the red one. "
             "More in a band of frequencies: something is missing in the model there.",
         ),
-        Picture("correlations", plots.correlation_plot(identified), "Correlations of the identified parameters."),
+        Picture(
+            "correlations",
+            plots.correlation_plot(identified),
+            "Correlations of the identified parameters.",
+        ),
     ]
     title = f"{model.title}: identification"
     parts = [
@@ -88,12 +92,20 @@ def write_responses(data: Frf, directory: str | Path) -> Path:
     rows = [
         ("poses", f"{len(data.poses)}", ""),
         ("lines", f"{len(data.w)}", ""),
-        ("lowest and highest frequency", f"{number(data.w[0] / 2 / np.pi)}, {number(data.w[-1] / 2 / np.pi)}", "Hz"),
+        (
+            "lowest and highest frequency",
+            f"{number(data.w[0] / 2 / np.pi)}, {number(data.w[-1] / 2 / np.pi)}",
+            "Hz",
+        ),
         ("periods averaged", f"{data.periods}", ""),
         ("experiments at each pose", f"{data.experiments}", ""),
         ("median standard deviation by noise", f"{100 * data.relative_sd():.2g}", "%"),
     ]
-    parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", html_table(("quantity", "value", "unit"), rows, (1,))]
+    parts = [
+        head(title),
+        f"<h1>{html.escape(title)}</h1>\n",
+        html_table(("quantity", "value", "unit"), rows, (1,)),
+    ]
     return write_page(Path(directory), parts, drawn)
 
 
@@ -111,7 +123,9 @@ def _summary(identified: IdentificationResult) -> str:
         ("time of the fit", number(identified.wall_s), "s"),
     ]
     words = f"<p>{html.escape(status.sentence)} {html.escape(status.advice)}</p>\n"
-    words += "".join(f"<p>Possible cause: {html.escape(str(cause))}.</p>\n" for cause in identified.causes)
+    words += "".join(
+        f"<p>Possible cause: {html.escape(str(cause))}.</p>\n" for cause in identified.causes
+    )
     if sentence := amplitude_sentence(identified):
         words += f"<p>Amplitude test: {html.escape(sentence)}.</p>\n"
     return html_table(("quantity", "value", "unit"), rows, (1,)) + words
@@ -122,8 +136,22 @@ def _parameters(identified: IdentificationResult) -> str:
     for row in identified.to_dict()["parameters"]:
         sd = deviation_text(row["sd"], row["sd_is_relative"])
         change = f"{100 * (row['value'] / row['start'] - 1):+.3g} %" if row["start"] else ""
-        flag = "at its bound" if row["at_bound"] else "not determined: file's value kept" if row["weak"] else ""
-        cells = (row["name"], number(row["value"], 6), row["unit"], sd, number(row["start"], 6), change, flag)
+        flag = (
+            "at its bound"
+            if row["at_bound"]
+            else "not determined: file's value kept"
+            if row["weak"]
+            else ""
+        )
+        cells = (
+            row["name"],
+            number(row["value"], 6),
+            row["unit"],
+            sd,
+            number(row["start"], 6),
+            change,
+            flag,
+        )
         rows.append(tuple(html.escape(str(cell)) for cell in (*cells, row["description"])))
     names = ("parameter", "value", "unit", "sd", "start", "change", "flag", "description")
     return html_table(names, rows, (1, 3, 4, 5))
@@ -136,7 +164,9 @@ def _weak(identified: IdentificationResult) -> str:
     pairs = [(abs(correlation[i, k]), i, k) for i in range(len(names)) for k in range(i)]
     for size, i, k in sorted(pairs, reverse=True)[:20]:
         if size > CORRELATED:
-            lines.append(html.escape(f"{names[k]} and {names[i]}: correlation {correlation[i, k]:+.2f}."))
+            lines.append(
+                html.escape(f"{names[k]} and {names[i]}: correlation {correlation[i, k]:+.2f}.")
+            )
     hidden = "Masses, payload and lengths were taken from the model file: errors there are hidden in the parameters."
     return f"<ul>{''.join(f'<li>{line}</li>' for line in [*lines, hidden])}</ul>\n"
 
@@ -145,7 +175,9 @@ def _modes(before: RobotModel, after: RobotModel) -> str:
     tables = []
     for model in (before, after):
         equations = derive(model)
-        tables.append(modes(poles(linearize(equations, hold_joints(equations, np.array(model.home))))))
+        tables.append(
+            modes(poles(linearize(equations, hold_joints(equations, np.array(model.home)))))
+        )
     if len(tables[0]) != len(tables[1]):
         return "<p>The numbers of oscillatory modes differ before and after.</p>\n"
     rows = [

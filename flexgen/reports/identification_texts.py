@@ -31,7 +31,10 @@ def plan_text(plan: Plan, robot: RobotModel) -> str:
             f"{len(plan.lines)} lines from {number(plan.frequencies[0])} to {number(plan.frequencies[-1])} Hz",
             f"time of the robot: {number(plan.duration_s)} s",
             "",
-            table([[k, *q] for k, q in joints], ("pose", *(robot.coordinates[i].name for i in robot.i_g))),
+            table(
+                [[k, *q] for k, q in joints],
+                ("pose", *(robot.coordinates[i].name for i in robot.i_g)),
+            ),
             "",
             table(
                 [[name, 100 * sd] for name, sd in plan.predicted.items()],
@@ -74,7 +77,11 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
     lines = [
         f"{data['model']}: {found.status}, cost {number(found.cost)} (1 expected), reached by {found.agreed} of "
         f"{found.starts} starts, {number(found.wall_s)} s",
-        *([f"model error: {number(100 * found.model_error)} % of the responses"] if found.model_error > 0 else []),
+        *(
+            [f"model error: {number(100 * found.model_error)} % of the responses"]
+            if found.model_error > 0
+            else []
+        ),
         paragraph(f"{found.status.sentence} {found.status.advice}"),
         *(f"possible cause: {cause}" for cause in found.causes),
         *([f"amplitude test: {amplitude_sentence(found)}"] if amplitude_sentence(found) else []),
@@ -97,7 +104,9 @@ def validation_text(checked: Validation, motors: Sequence[str]) -> str:
     """What experiments that were not used say of a fit."""
     columns = zip(motors, checked.fit_percent, checked.white, strict=True)
     rows = [[name, fit, 100 * white] for name, fit, white in columns]
-    title = f"simulation of experiments that were not used: cost {number(checked.cost)} (1 expected)"
+    title = (
+        f"simulation of experiments that were not used: cost {number(checked.cost)} (1 expected)"
+    )
     return f"{title}\n\n{table(rows, ('motor', 'fit, %', 'white lags, %'))}"
 
 
@@ -106,10 +115,16 @@ def verdict_text(verdict: Verdict) -> str:
     robots = "x the robot of --truth" if verdict.known else "robots drawn from the covariance"
     kinds = [unit for unit in ("m", "rad") if getattr(verdict.rows[0], f"error_{unit}") is not None]
     rows = [
-        [row.model, *(1e6 * (row.quantile(part, unit) or 0.0) for unit in kinds for part in (0.5, 0.95))]
+        [
+            row.model,
+            *(1e6 * (row.quantile(part, unit) or 0.0) for unit in kinds for part in (0.5, 0.95)),
+        ]
         for row in verdict.rows
     ]
-    head = ("torques of the model", *(f"{what}, u{u}" for u in kinds for what in ("median", "95 %")))
+    head = (
+        "torques of the model",
+        *(f"{what}, u{u}" for u in kinds for what in ("median", "95 %")),
+    )
     title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} {robots}:"
     return f"{title}\n\n{table(rows, head)}"
 
@@ -126,9 +141,14 @@ def structure_text(found: Structure) -> str:
         f"removed {', '.join(found.removed) or 'nothing'}",
         f"fit of the result: {fit.status}, cost {number(fit.cost)} (1 expected)",
         "",
-        table(rows, ("change", "coordinate", "gain of the criterion", "cost at held-out poses, ratio", "")),
+        table(
+            rows,
+            ("change", "coordinate", "gain of the criterion", "cost at held-out poses, ratio", ""),
+        ),
     ]
-    for element, dof in ((e, dof) for e in found.model.elements for dof in e.dofs if dof.name in found.added):
+    for element, dof in (
+        (e, dof) for e in found.model.elements for dof in e.dofs if dof.name in found.added
+    ):
         lines += [
             "",
             f"for the model file, in the element {element.name} behind the joint {dof.name.rpartition('_')[0]}:",
@@ -148,7 +168,11 @@ def text_of_rigid(found: RigidIdentification) -> str:
     fit, numbers, sd = found.fit, found.numbers, found.deviations
 
     def both(name: str) -> str:
-        return f"{number(numbers[name])} +- {sd[name]:.2g}" if name in sd else number(numbers.get(name, 0.0))
+        return (
+            f"{number(numbers[name])} +- {sd[name]:.2g}"
+            if name in sd
+            else number(numbers.get(name, 0.0))
+        )
 
     kinds = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m"}
     if fit.fades.any():
@@ -158,11 +182,23 @@ def text_of_rigid(found: RigidIdentification) -> str:
         cells: list[Any] = [motor.name, *(both(f"{motor.name}.{kind}") for kind in kinds)]
         rows.append(cells + [100 * run[j] for runs in found.errors.values() for run in runs])
     head = ["motor", *(f"{kind}, {unit}" for kind, unit in kinds.items())]
-    head += [f"{name} {k}, error %" for name, runs in found.errors.items() for k in range(1, len(runs) + 1)]
+    head += [
+        f"{name} {k}, error %"
+        for name, runs in found.errors.items()
+        for k in range(1, len(runs) + 1)
+    ]
     balance = [[name, both(name)] for name in numbers if ".counterbalance_" in name]
-    lags = [[name, unit, value, "" if sd_ is None else sd_] for name, unit, value, sd_ in found.lags]
-    below = f"below {number(fit.limit_hz)} Hz" if fit.limit_hz < float("inf") else "through the filter of the motion"
-    gears = "\n".join(f"  {name}: {deflection.sentence}" for name, deflection in found.gears.items())
+    lags = [
+        [name, unit, value, "" if sd_ is None else sd_] for name, unit, value, sd_ in found.lags
+    ]
+    below = (
+        f"below {number(fit.limit_hz)} Hz"
+        if fit.limit_hz < float("inf")
+        else "through the filter of the motion"
+    )
+    gears = "\n".join(
+        f"  {name}: {deflection.sentence}" for name, deflection in found.gears.items()
+    )
     return _join(
         f"{fit.model.name}: {fit.status}, {fit.base_parameters} base parameters of {len(fit.pi)} numbers\n"
         + paragraph(f"{fit.status.sentence} {fit.status.advice}"),
@@ -170,7 +206,9 @@ def text_of_rigid(found: RigidIdentification) -> str:
         f"errors: rms over the standard deviation of the torque, {below}, of samples that move; left out: on quarters "
         "of the recordings, of the fit to the others",
         table(rows, tuple(head)),
-        paragraph("Compliances of gears that the model file does not have, and the delay of torques after angles:"),
+        paragraph(
+            "Compliances of gears that the model file does not have, and the delay of torques after angles:"
+        ),
         table(lags, ("lag", "unit", "value", "+-")),
         _springs(found),
         table(balance, ("counterbalance", "N m, arm side")) if balance else "",
@@ -181,7 +219,11 @@ def text_of_rigid(found: RigidIdentification) -> str:
 
 def _springs(found: RigidIdentification) -> str:
     """A sentence on gears that deflect otherwise than in the model file; empty: the recordings show none."""
-    other = [name.partition(".")[0] for name, _, value, sd in found.lags[:-1] if sd is not None and abs(value) > 3 * sd]
+    other = [
+        name.partition(".")[0]
+        for name, _, value, sd in found.lags[:-1]
+        if sd is not None and abs(value) > 3 * sd
+    ]
     if not other:
         return ""
     return paragraph(
@@ -212,7 +254,9 @@ def text_of_motion_fit(found: MotionFit, segment_s: float | None = None) -> str:
     outputs += [f"link encoder {k}" for k in range(1, len(found.rms) - len(outputs) + 1)]
     columns = [outputs, found.rms, found.fit_percent, [100 * white for white in found.white]]
     columns += [found.held_out_percent] if found.held_out_percent else []
-    head = ["output", "residual rms", "fit, %", "white lags, %"] + ["held out, %"] * bool(found.held_out_percent)
+    head = ["output", "residual rms", "fit, %", "white lags, %"] + ["held out, %"] * bool(
+        found.held_out_percent
+    )
     return _join(
         f"{model.name}: {found.status}, {found.segments} segments{length}, "
         f"{number(found.wall_s)} s\n" + paragraph(f"{found.status.sentence} {found.status.advice}"),

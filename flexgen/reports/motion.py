@@ -29,7 +29,8 @@ from flexgen.trajectory import Trajectory
 
 PAGE = "motion.html"
 FRAMES = 240
-SHOWN = 0.08  # of the extent of the robot: the displacement by deflections at the factor that is chosen first
+# of the extent of the robot: the displacement by deflections at the factor that is chosen first
+SHOWN = 0.08
 FACTORS = tuple(m * 10**k for k in range(7) for m in (1, 2, 5))
 
 
@@ -106,7 +107,11 @@ def motion_data(
     true, undeflected = (evaluate(chain, x)[0] for x in (q, stiff))  # (n, 3, points)
     moved = float(np.linalg.norm(true - undeflected, axis=1).max())
     extent = float(np.ptp(true.transpose(0, 2, 1).reshape(-1, 3), axis=0).max())
-    factor = max((f for f in FACTORS if f * moved <= SHOWN * extent), default=1) if moved > 1e-9 * extent else 1
+    factor = (
+        max((f for f in FACTORS if f * moved <= SHOWN * extent), default=1)
+        if moved > 1e-9 * extent
+        else 1
+    )
     factors = sorted({1, factor, *(f for f in FACTORS if factor / 10 <= f <= 2 * factor)})
     poses = [true if f == 1 else evaluate(chain, stiff + f * (q - stiff))[0] for f in factors]
     joints, beams = chain_parts(model)
@@ -130,4 +135,6 @@ def motion_data(
 
 def _round(values: np.ndarray, digits: int) -> list[list[float]]:
     """Each sample as one list of rounded numbers."""
-    return [[float(x) for x in row] for row in np.round(values.reshape(len(values), -1), digits) + 0.0]
+    return [
+        [float(x) for x in row] for row in np.round(values.reshape(len(values), -1), digits) + 0.0
+    ]

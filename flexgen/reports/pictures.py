@@ -62,7 +62,9 @@ def pictures(
             "Tool error of the full model under the torques of several methods, simulated open loop from the "
             "equilibrium with the tool at the start of the path."
         )
-        zeros.append(Picture("methods", along_path.errors_of_methods(equations.model, verified), caption))
+        zeros.append(
+            Picture("methods", along_path.errors_of_methods(equations.model, verified), caption)
+        )
     return out + zeros
 
 
@@ -71,15 +73,20 @@ def is_limited(solution: Solution) -> bool:
     return solution.status == Status.LIMITS_ACTIVE or solution.plan_error_max is not None
 
 
-def _motion(equations: Equations, solution: Solution, analysis: Analysis | None, limits: Limits) -> list[Picture]:
+def _motion(
+    equations: Equations, solution: Solution, analysis: Analysis | None, limits: Limits
+) -> list[Picture]:
     """Robot, torques, speeds, deflections and errors over time."""
     trajectory, simulation = solution.trajectory, solution.simulation
     given = (equations, trajectory, simulation)
     end = solution.move.duration
     source = "planned" if simulation is None else "simulated"
-    limited = " The limits are active: the robot deviates from the path." if is_limited(solution) else ""
+    limited = (
+        " The limits are active: the robot deviates from the path." if is_limited(solution) else ""
+    )
     early = _early_torque(solution, analysis)
-    exact = analysis if solution.method != "full" else None  # the full method does not track the path exactly
+    # the full method does not track the path exactly
+    exact = analysis if solution.method != "full" else None
     out = [
         Picture(
             "robot",
@@ -115,7 +122,9 @@ def _after_the_samples(solution: Solution) -> str:
     if simulation is None:
         return ""
     drawn = float(np.abs(simulation.trajectory["error"]).max())
-    errors = [x for x in (simulation.tool_error_max_m, simulation.tool_error_max_rad) if x is not None]
+    errors = [
+        x for x in (simulation.tool_error_max_m, simulation.tool_error_max_rad) if x is not None
+    ]
     if max(errors, default=0.0) < 2 * drawn:  # components drawn, norms in the summary
         return ""
     return (

@@ -41,7 +41,9 @@ def _tables(result: Result) -> str:
 
 def write_page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:
     """Write ``index.html`` of the parts and the plots, and each plot as svg and png file; return the page."""
-    check_folder(directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))])
+    check_folder(
+        directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))]
+    )
     figures = "".join(figure_element(picture, directory) for picture in drawn)
     for picture in drawn:
         canvas.save(picture.figure, directory / f"{picture.name}.png")

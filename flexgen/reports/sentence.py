@@ -23,11 +23,15 @@ def in_words(solution: Solution) -> str:
     model = solution.model
     what = f"the {'output' if model.output.type == 'combination' else 'tool'} of {model.title}"
     path = f"the move {solution.move.name} of {solution.move.duration:.4g} s"
-    reason = " ".join(solution.warnings[0].split()).rstrip(".") if solution.warnings else "limits are exceeded"
-    begin = _BEGIN[solution.status].format(what=what, path=path, reason=reason, method=solution.method)
-    other = (
-        "This holds for a robot with the numbers of the model file: another one needs feedback, and has larger errors."
+    reason = (
+        " ".join(solution.warnings[0].split()).rstrip(".")
+        if solution.warnings
+        else "limits are exceeded"
     )
+    begin = _BEGIN[solution.status].format(
+        what=what, path=path, reason=reason, method=solution.method
+    )
+    other = "This holds for a robot with the numbers of the model file: another one needs feedback, and has larger errors."
     return f"{begin}. {_evidence(solution)} {other}"
 
 
@@ -38,7 +42,9 @@ def _evidence(solution: Solution) -> str:
         run = solution.held_simulation
     if run is None:
         size = f"{solution.residual_max_Nm:.3g} N m"
-        return f"They fulfil the equations of motion to {size}, but no simulation has verified them."
+        return (
+            f"They fulfil the equations of motion to {size}, but no simulation has verified them."
+        )
     errors = both_measured(run.tool_error_max_m, run.tool_error_max_rad)
     if solution.status == Status.LIMITS_ACTIVE and solution.path_distance_max_m is not None:
         errors = format_size(solution.path_distance_max_m, "m")
@@ -48,5 +54,11 @@ def _evidence(solution: Solution) -> str:
     if run.feedback is None:
         until = f" until {run.held_s:g} s after the end" if run.held_s else ""
         return f"{where} under these torques alone, without feedback, the error is {size}{until}."
-    growth = "" if run.growth is None else f"; without it small errors grow {growth_text(run.growth, run.growth_whole)}"
-    return f"{where} the error is {size} together with motor feedback ({run.feedback.title}){growth}."
+    growth = (
+        ""
+        if run.growth is None
+        else f"; without it small errors grow {growth_text(run.growth, run.growth_whole)}"
+    )
+    return (
+        f"{where} the error is {size} together with motor feedback ({run.feedback.title}){growth}."
+    )

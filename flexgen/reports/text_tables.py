@@ -129,7 +129,9 @@ def _wrap_row(line: Sequence[str], widths: Sequence[int], right: Sequence[bool],
     out = []
     for k in range(max(map(len, cells), default=0)):
         parts = [cell[k] if k < len(cell) else "" for cell in cells]
-        padded = [x.rjust(w) if r else x.ljust(w) for x, w, r in zip(parts, widths, right, strict=False)]
+        padded = [
+            x.rjust(w) if r else x.ljust(w) for x, w, r in zip(parts, widths, right, strict=False)
+        ]
         out.append(GAP.join(padded).rstrip())
     return "\n".join(out)
 

@@ -32,7 +32,11 @@ def description_text(data: dict[str, Any]) -> str:
     """The description of a model as text, from the data of `flexgen.describe`."""
     name = data["name"]
     parts = [
-        paragraph(name + (f"@{data['variant']}" if data["variant"] else "") + f": {one_line(data['description'])}"),
+        paragraph(
+            name
+            + (f"@{data['variant']}" if data["variant"] else "")
+            + f": {one_line(data['description'])}"
+        ),
         figures(
             [
                 ("file", data["file"], ""),
@@ -46,7 +50,10 @@ def description_text(data: dict[str, Any]) -> str:
             ]
         ),
         table(
-            [[c["name"], c["unit"], c["element"], c["type"], _drive(c), *_stiffness(c)] for c in data["coordinates"]],
+            [
+                [c["name"], c["unit"], c["element"], c["type"], _drive(c), *_stiffness(c)]
+                for c in data["coordinates"]
+            ],
             ("coordinate", "unit", "element", "type", "drive or spring", "stiffness", "damping"),
         ),
         table(
@@ -54,7 +61,9 @@ def description_text(data: dict[str, Any]) -> str:
                 [
                     m["name"],
                     ", ".join(m["drives"]),
-                    ", ".join(_ratio(*row) for row in zip(m["ratio"], m["ratio_unit"], strict=True)),
+                    ", ".join(
+                        _ratio(*row) for row in zip(m["ratio"], m["ratio_unit"], strict=True)
+                    ),
                     m["inertia"],
                     m["torque_max"],
                     m["speed_max"],
@@ -66,14 +75,17 @@ def description_text(data: dict[str, Any]) -> str:
     ]
     if data["sensors"]:
         rows = [
-            [s["name"], s["type"], s["place"], ", ".join(s["channels"]), s["unit"], s["noise"]] for s in data["sensors"]
+            [s["name"], s["type"], s["place"], ", ".join(s["channels"]), s["unit"], s["noise"]]
+            for s in data["sensors"]
         ]
         parts.append(table(rows, ("sensor", "type", "place", "channels", "unit", "noise")))
     if data["moves"]:
         rows = [[m["name"], m["type"], m["duration"], m["smoothness"]] for m in data["moves"]]
         parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
     if data["variants"]:
-        parts.append(paragraph("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"])))
+        parts.append(
+            paragraph("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"]))
+        )
     if data["source"]:
         parts.append(paragraph(f"source: {one_line(data['source'])}"))
     return "\n\n".join(parts)
@@ -95,9 +107,17 @@ def _drive(coordinate: dict[str, Any]) -> str:
     if gear is not None:
         elastic = gear["type"] != "rigid"
         loop = gear.get("hysteresis")
-        lost = sum(each["lost_motion"] for each in (loop if isinstance(loop, list) else [loop])) if loop else 0.0
+        lost = (
+            sum(each["lost_motion"] for each in (loop if isinstance(loop, list) else [loop]))
+            if loop
+            else 0.0
+        )
         lossy = f", lost motion {lost:.3g} {coordinate['unit']}" if loop else ""
-        return f"elastic gear, {gear['spring']['type']}, {gear['side']} side{lossy}" if elastic else "rigid gear"
+        return (
+            f"elastic gear, {gear['spring']['type']}, {gear['side']} side{lossy}"
+            if elastic
+            else "rigid gear"
+        )
     return "beam bending" if spring is None else f"spring, {spring['type']}"
 
 
@@ -107,19 +127,30 @@ def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
     spring = holder.get("spring")
     if spring is None:
         return None, None
-    stiffness, damping = float(spring.get("stiffness", spring.get("low"))), float(holder.get("damping") or 0.0)
-    force, unit = ("N m", "rad") if coordinate["unit"] == "rad" or holder.get("side") == "motor" else ("N", "m")
+    stiffness, damping = (
+        float(spring.get("stiffness", spring.get("low"))),
+        float(holder.get("damping") or 0.0),
+    )
+    force, unit = (
+        ("N m", "rad")
+        if coordinate["unit"] == "rad" or holder.get("side") == "motor"
+        else ("N", "m")
+    )
     return f"{number(stiffness)} {force}/{unit}", f"{number(damping)} {force} s/{unit}"
 
 
 def text_of_analysis(analysis: Analysis) -> str:
     """The equilibrium, modes and zeros of an analysis, and its verdicts."""
     coordinates = [(c.name, c.unit) for c in analysis.model.coordinates]
-    text = analysis_text(plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors])
+    text = analysis_text(
+        plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors]
+    )
     return f"{analysis.model.title} in equilibrium\n\n{text}"
 
 
-def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]) -> str:
+def analysis_text(
+    data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]
+) -> str:
     """The data of an analysis as text; needs the names and units of coordinates and the names of motors."""
     equilibrium = table(
         [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
@@ -130,44 +161,68 @@ def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], 
         ("motor", "torque", "unit"),
     )
     rows = zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True)
-    modes = table([[k, f, d] for k, (f, d) in enumerate(rows, 1)], ("mode", "frequency Hz", "damping ratio"))
+    modes = table(
+        [[k, f, d] for k, (f, d) in enumerate(rows, 1)], ("mode", "frequency Hz", "damping ratio")
+    )
     zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
-    notches = sorted(math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0)
+    notches = sorted(
+        math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0
+    )
     verdict = figures(
         [
             ("phase of the output", data["phase"], ""),
             ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
             ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
-            ("time constant of the slowest unstable zero", data["unstable_time_constant_s"] or None, "s"),
+            (
+                "time constant of the slowest unstable zero",
+                data["unstable_time_constant_s"] or None,
+                "s",
+            ),
             ("structural index", data["structural_index"], ""),
             ("preview required for exact tracking", data["preview_s"], "s"),
             *_dae_rows(data),
             *_compliance_rows(data.get("compliance")),
         ]
     )
-    warnings = "\n".join(paragraph(f"note: {line}") for line in (data.get("solvability") or {}).get("warnings", ()))
+    warnings = "\n".join(
+        paragraph(f"note: {line}") for line in (data.get("solvability") or {}).get("warnings", ())
+    )
     along = data.get("zeros_along_path")
     along_text = paragraph(f"along the path, {along['verdict']}") if along else ""
-    return "\n\n".join(part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part)
+    return "\n\n".join(
+        part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part
+    )
 
 
 def _dae_rows(data: dict[str, Any]) -> list[Row]:
     """Rows of the DAE of inverse dynamics, if it was analyzed."""
-    structure, ranks, solvable = (data.get(key) or {} for key in ("structure", "kunkel_mehrmann", "solvability"))
+    structure, ranks, solvable = (
+        data.get(key) or {} for key in ("structure", "kunkel_mehrmann", "solvability")
+    )
     rows: list[Row] = []
     if structure.get("blocks"):
         sizes = ", ".join(str(len(block["equations"])) for block in structure["blocks"])
         rows.append(("equations per block of the DAE", sizes, ""))
         rows.append(("structural analysis at this pose", structure["verdict"], ""))
     if ranks.get("verdict") == "regular":
-        rows.append(("strangeness index; a, d, v", f"{ranks['mu']}; {ranks['a']}, {ranks['d']}, {ranks['v']}", ""))
+        rows.append(
+            (
+                "strangeness index; a, d, v",
+                f"{ranks['mu']}; {ranks['a']}, {ranks['d']}, {ranks['v']}",
+                "",
+            )
+        )
         rows.append(("singular value gap of the rank decisions", ranks["gap"], "relative"))
     elif ranks:
         rows.append(("strangeness index", ranks.get("verdict"), ""))
     if solvable.get("singular_values"):
-        rows.append(("solvability, smallest singular value", min(solvable["singular_values"]), "relative"))
+        rows.append(
+            ("solvability, smallest singular value", min(solvable["singular_values"]), "relative")
+        )
     if solvable.get("controllability") is not None:
-        rows.append(("controllability, smallest singular value", solvable["controllability"], "relative"))
+        rows.append(
+            ("controllability, smallest singular value", solvable["controllability"], "relative")
+        )
     return rows
 
 
@@ -179,17 +234,29 @@ def _compliance_rows(data: dict[str, Any] | None) -> list[Row]:
     rows: list[Row] = [
         ("compliance of the tool with held motors", _millionths(data["principal_m_per_N"]), "um/N"),
         ("direction of the largest, in the world", along, ""),
-        ("rotation of the tool with held motors", _millionths(data["principal_rad_per_Nm"]), "urad/(N m)"),
+        (
+            "rotation of the tool with held motors",
+            _millionths(data["principal_rad_per_Nm"]),
+            "urad/(N m)",
+        ),
     ]
     if data["resonance_hz"] is not None:
         largest = 1e6 * data["resonance_m_per_N"]
-        rows.append((f"compliance at {number(data['resonance_hz'])} Hz, largest of all frequencies", largest, "um/N"))
+        rows.append(
+            (
+                f"compliance at {number(data['resonance_hz'])} Hz, largest of all frequencies",
+                largest,
+                "um/N",
+            )
+        )
     return rows
 
 
 def _millionths(values: Sequence[float]) -> str:
     """Values in millionths; those that are zero but for rounding as 0."""
-    return ", ".join(number(1e6 * x) if abs(x) > 1e-9 * max(map(abs, values)) else "0" for x in values)
+    return ", ".join(
+        number(1e6 * x) if abs(x) > 1e-9 * max(map(abs, values)) else "0" for x in values
+    )
 
 
 def _small_row(what: str, value: float | None, unit: str) -> Row:
@@ -205,7 +272,9 @@ def figure_rows(result: Solution | Simulation) -> list[Row]:
     for label, value, unit, _ in result.figures():
         value = plain(value)
         rows.append(
-            _small_row(label, value, unit) if unit in ("m", "rad") else (label, None if value == "" else value, unit)
+            _small_row(label, value, unit)
+            if unit in ("m", "rad")
+            else (label, None if value == "" else value, unit)
         )
     return rows
 
@@ -236,7 +305,11 @@ def solution_details(solution: Solution) -> str:
 
 
 def steps_text(
-    analysis: Analysis, library: GeneratedLibrary, checked: Mapping[str, float], solution: Solution, seconds: float
+    analysis: Analysis,
+    library: GeneratedLibrary,
+    checked: Mapping[str, float],
+    solution: Solution,
+    seconds: float,
 ) -> str:
     """The main figures of all steps: analysis, library, its comparison with the equations, solution; wall time [s]."""
     robot, facts = analysis.model, plain(analysis.to_dict())
@@ -267,14 +340,25 @@ def text_of_simulation(simulation: Simulation) -> str:
 def text_of_check(check: Check) -> str:
     """All numbers that were checked, and what to do about those that are unusual or wrong."""
     rows = [[f.mark, f.key, f.quantity, f.value, f.usual] for f in check.findings]
-    advice = [paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}") for f in (*check.errors, *check.warnings)]
-    return "\n\n".join([table(rows, ("mark", "key", "quantity", "value", "usual")), check.summary(), *advice])
+    advice = [
+        paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}")
+        for f in (*check.errors, *check.warnings)
+    ]
+    return "\n\n".join(
+        [table(rows, ("mark", "key", "quantity", "value", "usual")), check.summary(), *advice]
+    )
 
 
 def models_text(rows: Sequence[Mapping[str, Any]]) -> str:
     """The list of `flexgen.models` as a table."""
     head = ("name", "motors", "actuated", "elastic", "dof", "description")
-    text = table([[r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])] for r in rows], head)
+    text = table(
+        [
+            [r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])]
+            for r in rows
+        ],
+        head,
+    )
     variants = [f"{row['name']}@{name}" for row in rows for name in row["variants"]]
     return text + ("\n\n" + paragraph("variants: " + ", ".join(variants)) if variants else "")
 
@@ -284,13 +368,17 @@ def library_text(robot: RobotModel, library: GeneratedLibrary) -> str:
     from flexgen.codegen.c_functions import inversion_reason
 
     done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
-    lines = [f"{robot.title}: {done if library.written else 'nothing has changed'} in {library.directory}"]
+    lines = [
+        f"{robot.title}: {done if library.written else 'nothing has changed'} in {library.directory}"
+    ]
     lines += ["", paragraph("functions: " + ", ".join(library.functions))]
     reason = inversion_reason(robot, library.functions)
     if reason is not None:
         lines += ["", paragraph(f"not in this library: invert and stream, because {reason}")]
     if library.written:
-        sources = [path for path in library.files if path.suffix == ".c" or path.parent.name == "src"]
+        sources = [
+            path for path in library.files if path.suffix == ".c" or path.parent.name == "src"
+        ]
         lines += ["", *(f"wrote {path}" for path in library.files if path not in sources)]
         lines += [f"wrote {sources[0].parent} ({len(sources)} sources)"] if sources else []
     return "\n".join(lines)
@@ -301,7 +389,9 @@ def text_of_path(path: Path) -> str:
     segments = enumerate(path.to_dict()["segments"], 1)
     rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in segments]
     head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
-    return f"{path.equations.model.name}, {path.move.name}: {number(path.duration)} s\n\n" + table(rows, head)
+    return f"{path.equations.model.name}, {path.move.name}: {number(path.duration)} s\n\n" + table(
+        rows, head
+    )
 
 
 def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> str:
@@ -317,8 +407,26 @@ def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> st
 
 def text_of_sweep(swept: SweepResult) -> str:
     """The cases of a sweep by model, method and status."""
-    head = ("model", "method", "status", "cases", "tool error m", "tool error rad", "torque N m", "processor s")
-    keys = ("model", "method", "status", "cases", "tool_error_max", "turn_error_max", "torque_max", "cpu")
+    head = (
+        "model",
+        "method",
+        "status",
+        "cases",
+        "tool error m",
+        "tool error rad",
+        "torque N m",
+        "processor s",
+    )
+    keys = (
+        "model",
+        "method",
+        "status",
+        "cases",
+        "tool_error_max",
+        "turn_error_max",
+        "torque_max",
+        "cpu",
+    )
     data = swept.to_dict()
     rows = [[group[key] for key in keys] for group in data["groups"]]
     return f"{data['cases']} cases, {data['failed']} failed\n\n{table(rows, head)}"

@@ -23,7 +23,8 @@ from flexgen.plots.stick_figure import joint_style
 ENDINGS = (".gif", ".mp4")
 RATE = 20  # frames/s: a GIF has the time of a frame in 10 ms, which divides 1000 ms / RATE
 LENGTH = 4.0  # s: a shorter motion is shown in slow motion
-SLOW = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)  # speeds of short motions; those of long ones: 1, 2, 5, 10 ...
+# speeds of short motions; those of long ones: 1, 2, 5, 10 ...
+SLOW = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
 FRAMES_MAX = 600
 DPI, WIDTH, HEIGHT = 100, 7.2, 5.4  # inches; the sizes in pixels are even, as video formats need
 _PLAIN = "#CCCCCC"
@@ -39,7 +40,9 @@ def check_video(path: str | Path) -> None:
     """
     suffix = Path(path).suffix
     if suffix not in ENDINGS:
-        raise ArgumentError(f"video: given {str(path)!r}, expected a name that ends in {' or '.join(ENDINGS)}")
+        raise ArgumentError(
+            f"video: given {str(path)!r}, expected a name that ends in {' or '.join(ENDINGS)}"
+        )
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ArgumentError(
             f"video: given {str(path)!r}, but the program ffmpeg is not installed; install it (Debian: apt install "
@@ -105,19 +108,44 @@ def _write_gif(pictures: Iterator[np.ndarray], path: Path) -> None:
 
     images = [Image.fromarray(picture).quantize(64) for picture in pictures]
     with atomic_file(path) as stream:
-        images[0].save(stream, "GIF", save_all=True, append_images=images[1:], duration=1000 // RATE, loop=0)
+        images[0].save(
+            stream, "GIF", save_all=True, append_images=images[1:], duration=1000 // RATE, loop=0
+        )
 
 
 def _write_mp4(pictures: Iterator[np.ndarray], path: Path) -> None:
     follow_links(path.parent).mkdir(parents=True, exist_ok=True)
     with staging_folder(path.parent) as folder:
         size = f"{round(WIDTH * DPI)}x{round(HEIGHT * DPI)}"
-        command = ["ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size]
-        command += ["-r", str(RATE), "-i", "-", "-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+        command = [
+            "ffmpeg",
+            "-loglevel",
+            "error",
+            "-y",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-s",
+            size,
+        ]
+        command += [
+            "-r",
+            str(RATE),
+            "-i",
+            "-",
+            "-an",
+            "-pix_fmt",
+            "yuv420p",
+            "-movflags",
+            "+faststart",
+        ]
         made = folder / "video.mp4"
         status, message = _feed([*command, str(made.resolve())], pictures)
         if status or not made.is_file():
-            raise BuildError(f"video: ffmpeg ended with status {status}: {message}; try a name that ends in .gif")
+            raise BuildError(
+                f"video: ffmpeg ended with status {status}: {message}; try a name that ends in .gif"
+            )
         with atomic_file(path) as stream:
             stream.write(made.read_bytes())
 
@@ -125,7 +153,9 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path) -> None:
 def _feed(command: list[str], pictures: Iterator[np.ndarray]) -> tuple[int, str]:
     """Give a program the pictures one after the other, not all in memory; its status and its last message."""
     with tempfile.TemporaryFile() as errors:
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors) as program:
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors
+        ) as program:
             assert program.stdin is not None
             try:
                 with suppress(BrokenPipeError):  # it ended: its status says why
@@ -171,7 +201,10 @@ def _begin(figure: Figure, data: dict[str, Any], title: str) -> Callable[[float]
     for k, (right, up) in enumerate(views):
         ax = figure.add_subplot(1, len(views), k + 1)
         ends = (low[up] - margin, high[up] + margin)
-        ax.set(xlim=(low[right] - margin, high[right] + margin), ylim=ends if data["sign"] > 0 else ends[::-1])
+        ax.set(
+            xlim=(low[right] - margin, high[right] + margin),
+            ylim=ends if data["sign"] > 0 else ends[::-1],
+        )
         ax.set(aspect="equal", xlabel=f"{'xyz'[right]}, m", ylabel=f"{'xyz'[up]}, m")
         seen, plain = (values[:, :, [right, up]].transpose(0, 2, 1) for values in (robot, truth))
         if chosen:

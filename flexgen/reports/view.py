@@ -104,12 +104,16 @@ def _motion(
         what = Trajectory.load(what)
     if not isinstance(what, Trajectory):
         if model is not None:
-            raise ArgumentError("view: given a robot and model, expected model together with a trajectory only")
+            raise ArgumentError(
+                "view: given a robot and model, expected model together with a trajectory only"
+            )
         equations = what if isinstance(what, Equations) else derive(what)
         solution = solve(equations, move, progress=progress)
         return equations, solution.trajectory, solution.simulation, solution.move.duration
     if move is not None:
-        raise ArgumentError("view: given a trajectory and move, expected move together with a robot only")
+        raise ArgumentError(
+            "view: given a trajectory and move, expected move together with a robot only"
+        )
     equations = _robot_of(what, model)
     missing = [name for name in ("q_a", "q_m") if name not in what]
     n_a, n_m = equations.model.n_a, equations.model.n_m
@@ -122,7 +126,9 @@ def _motion(
     return equations, what, None, _end(what)
 
 
-def _robot_of(trajectory: Trajectory, model: str | Path | RobotModel | Equations | None) -> Equations:
+def _robot_of(
+    trajectory: Trajectory, model: str | Path | RobotModel | Equations | None
+) -> Equations:
     if model is not None:
         return model if isinstance(model, Equations) else derive(model)
     name, variant = trajectory.meta.get("model"), trajectory.meta.get("variant")
@@ -141,4 +147,8 @@ def _end(trajectory: Trajectory) -> float:
     if "y_ref" not in trajectory:
         return float(trajectory.time[-1])
     moving = np.flatnonzero((trajectory["y_ref"] != trajectory["y_ref"][-1]).any(axis=1))
-    return float(trajectory.time[min(moving[-1] + 1, len(trajectory.time) - 1)]) if len(moving) else 0.0
+    return (
+        float(trajectory.time[min(moving[-1] + 1, len(trajectory.time) - 1)])
+        if len(moving)
+        else 0.0
+    )

@@ -17,7 +17,9 @@ _SINGLE = np.dtype(np.float32)
 _byte_of: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
 
 
-def bind(function: str, ports: Sequence[Port], args: tuple[Any, ...], named: dict[str, Any], default: Any) -> list[Any]:
+def bind(
+    function: str, ports: Sequence[Port], args: tuple[Any, ...], named: dict[str, Any], default: Any
+) -> list[Any]:
     """Arguments in the order of the ports; parameters that are not given are those of the model."""
     names = [port.name for port in ports]
     given = dict(zip(names, args, strict=False))
@@ -40,11 +42,17 @@ def numbers(function: str, port: Port, x: Any) -> np.ndarray:
     try:
         array = np.asarray(x)
     except (ValueError, TypeError) as error:
-        raise ArgumentError(f"{function}, {port.name}: given {error}, expected real numbers") from error
+        raise ArgumentError(
+            f"{function}, {port.name}: given {error}, expected real numbers"
+        ) from error
     if array.dtype.kind not in "iuf":
-        raise ArgumentError(f"{function}, {port.name}: given entries of type {array.dtype}, expected real numbers")
+        raise ArgumentError(
+            f"{function}, {port.name}: given entries of type {array.dtype}, expected real numbers"
+        )
     if getattr(x, "mask", None) is not None and np.any(x.mask):
-        raise ArgumentError(f"{function}, {port.name}: given an array with masked entries, expected real numbers")
+        raise ArgumentError(
+            f"{function}, {port.name}: given an array with masked entries, expected real numbers"
+        )
     return array
 
 
@@ -57,7 +65,11 @@ def convert(x: np.ndarray, real: np.dtype, order: Any = "K") -> np.ndarray:
 
 
 def count_of_points(
-    function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], most: int, shared: str = PARAMETERS
+    function: str,
+    ports: Sequence[Port],
+    arrays: Sequence[np.ndarray],
+    most: int,
+    shared: str = PARAMETERS,
 ) -> int | None:
     """How many points the arrays hold; None where all of them hold one; ArgumentError where shapes do not fit.
 
@@ -82,17 +94,25 @@ def count_of_points(
             )
         count = x.shape[0]
     if count is not None and count > most:
-        raise ArgumentError(f"{function}: given {count} points, expected at most {most}; call it for parts of them")
+        raise ArgumentError(
+            f"{function}: given {count} points, expected at most {most}; call it for parts of them"
+        )
     return count
 
 
-def store(port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = PARAMETERS) -> np.ndarray:
+def store(
+    port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = PARAMETERS
+) -> np.ndarray:
     """The array as the batch reads it, a structure of arrays: entry after entry, in each the points side by side.
 
     That is the order of Fortran for the shape ``(N, n)`` or ``(N, rows, columns)``; an array that has it is not copied.
     """
     if x.shape != port.shape:
-        return x if x.dtype is real and x.flags.f_contiguous and x.flags.aligned else convert(x, real, "F")
+        return (
+            x
+            if x.dtype is real and x.flags.f_contiguous and x.flags.aligned
+            else convert(x, real, "F")
+        )
     if port.name == shared:
         return np.ascontiguousarray(convert(x, real))
     held = np.empty((count, *port.shape), real, order="F")
@@ -100,7 +120,9 @@ def store(port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = P
     return held
 
 
-def results(function: str, ports: Sequence[Port], out: Any, count: int | None, real: np.dtype) -> list[np.ndarray]:
+def results(
+    function: str, ports: Sequence[Port], out: Any, count: int | None, real: np.dtype
+) -> list[np.ndarray]:
     """The arrays for the results: new ones, or those given in ``out``, checked.
 
     Parameters
@@ -122,11 +144,15 @@ def results(function: str, ports: Sequence[Port], out: Any, count: int | None, r
     given = list(out) if isinstance(out, tuple | list) else [out]
     if len(given) != len(ports):
         expected = ", ".join(port.name for port in ports)
-        raise ArgumentError(f"{function}, out: given {len(given)} arrays, expected {len(ports)}: {expected}")
+        raise ArgumentError(
+            f"{function}, out: given {len(given)} arrays, expected {len(ports)}: {expected}"
+        )
     for port, x in zip(ports, given, strict=True):
         shape = (*lead, *port.shape)
         if not isinstance(x, np.ndarray):
-            raise ArgumentError(f"{function}, out for {port.name}: given {type(x).__name__}, expected a numpy array")
+            raise ArgumentError(
+                f"{function}, out for {port.name}: given {type(x).__name__}, expected a numpy array"
+            )
         told = f"{function}, out for {port.name}: given"
         if x.shape != shape or x.dtype != real:
             raise ArgumentError(f"{told} shape {x.shape} of {x.dtype}, expected {shape} of {real}")
@@ -149,7 +175,10 @@ def address(x: np.ndarray) -> int:
 
 
 def refuse_overlap(
-    function: str, ports: Sequence[Port], written: Sequence[tuple[int, int]], read: Sequence[tuple[int, int]]
+    function: str,
+    ports: Sequence[Port],
+    written: Sequence[tuple[int, int]],
+    read: Sequence[tuple[int, int]],
 ) -> None:
     """ArgumentError where a result shares memory, as (address, bytes), with an input or with another result."""
     for k, (port, (start, size)) in enumerate(zip(ports, written, strict=True)):
@@ -160,14 +189,22 @@ def refuse_overlap(
                 )
 
 
-def refuse_not_finite(function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], real: np.dtype) -> None:
+def refuse_not_finite(
+    function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], real: np.dtype
+) -> None:
     """ArgumentError that tells the first point with an entry that is not finite, and which; nothing without one."""
     found: list[tuple[int, str, Any]] = []
     for port, x in zip(ports, arrays, strict=True):
         bad = np.argwhere(~np.isfinite(convert(x, real)))
         if bad.size:
             at = tuple(int(k) for k in bad[0])
-            found.append((at[0] if x.ndim > len(port.shape) else 0, f"{port.name}[{', '.join(map(str, at))}]", x[at]))
+            found.append(
+                (
+                    at[0] if x.ndim > len(port.shape) else 0,
+                    f"{port.name}[{', '.join(map(str, at))}]",
+                    x[at],
+                )
+            )
     if found:
         _, where, value = min(found, key=lambda entry: entry[0])
         expected = "finite numbers of single precision" if real == _SINGLE else "finite numbers"
@@ -188,4 +225,6 @@ def number_of(function: str, name: str, x: Any) -> float:
     try:
         return float(x)
     except OverflowError:
-        raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number") from None
+        raise ArgumentError(
+            f"{function}, {name}: given {show_value(x)}, expected a number"
+        ) from None

@@ -49,7 +49,9 @@ class Entries:
 class _Buffers:
     """Memory of one call: inputs, outputs, workspace for one point, with their addresses for C; workspace for many."""
 
-    def __init__(self, inputs: tuple[Port, ...], outputs: tuple[Port, ...], work: int, real: np.dtype) -> None:
+    def __init__(
+        self, inputs: tuple[Port, ...], outputs: tuple[Port, ...], work: int, real: np.dtype
+    ) -> None:
         self.inputs = [np.zeros(port.shape, real, order="F") for port in inputs]
         self.outputs = [np.zeros(port.shape, real, order="F") for port in outputs]
         self.work = np.zeros(max(work, 1), real)
@@ -127,7 +129,9 @@ class Function:
         self.__doc__ = _docstring(summary, equation, inputs, outputs)
         self._entries, self._real, self._failures, self._again = entries, real, failures, again
         self._single, self._shared = entries.single, shared
-        self._results = None if len(outputs) == 1 else results_type(name, tuple(port.name for port in outputs))
+        self._results = (
+            None if len(outputs) == 1 else results_type(name, tuple(port.name for port in outputs))
+        )
         self._shapes = [port.shape for port in inputs]
         self._parameters = parameters if any(port.name == PARAMETERS for port in inputs) else None
         self._count = len(inputs)
@@ -159,7 +163,9 @@ class Function:
     def single_address(self) -> tuple[int, np.ndarray]:
         """The same for one point; the workspace is empty where the function takes none."""
         where: Any = self._entries.single
-        return ctypes.cast(where, ctypes.c_void_p).value or 0, np.zeros(self._entries.work, self._real)
+        return ctypes.cast(where, ctypes.c_void_p).value or 0, np.zeros(
+            self._entries.work, self._real
+        )
 
     def __call__(self, *args: Any, out: Any = None, **named: Any) -> Any:
         """Evaluate at one point or at many; see the class."""
@@ -212,7 +218,9 @@ class Function:
         given = results(self.name, self.outputs, out, None, self._real)
         for i, x in enumerate(given):
             if any(np.may_share_memory(x, other) for other in given[:i]):
-                raise ArgumentError(f"{self.name}, out: given arrays that share memory, expected memory of its own")
+                raise ArgumentError(
+                    f"{self.name}, out: given arrays that share memory, expected memory of its own"
+                )
             x[...] = buffers.outputs[i]
         return given[0] if self._results is None else self._results._make(given)
 
@@ -225,7 +233,8 @@ class Function:
             with np.errstate(over="ignore"):
                 return self(*(x.astype(self._real) for x in arrays), out=out)
         memories = [
-            store(port, x, count, self._real, self._shared) for port, x in zip(self.inputs, arrays, strict=True)
+            store(port, x, count, self._real, self._shared)
+            for port, x in zip(self.inputs, arrays, strict=True)
         ]
         made = results(self.name, self.outputs, out, count, self._real)
         buffers = self._buffers()
@@ -241,7 +250,8 @@ class Function:
         status = self._entries.batch(count, *where)
         self._pool.append(buffers)
         if status:
-            first = np.isnan(made[0].reshape(count, -1, order="F")[:, 0])  # the results of a point that failed are NaN
+            # the results of a point that failed are NaN
+            first = np.isnan(made[0].reshape(count, -1, order="F")[:, 0])
             self._fail(status, arrays, int(np.argmax(first)) if first.any() else None)
         return made[0] if self._results is None else self._results._make(made)
 
@@ -269,7 +279,9 @@ def _results_again(name: str, fields: tuple[str, ...], values: tuple[Any, ...]) 
     return results_type(name, fields)._make(values)
 
 
-def _docstring(summary: str, equation: str, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> str:
+def _docstring(
+    summary: str, equation: str, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
+) -> str:
     def rows(ports: tuple[Port, ...]) -> str:
         return "".join(f"{p.name} : array {p.shape} [{p.unit}]\n    {p.doc}\n" for p in ports)
 

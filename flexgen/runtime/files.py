@@ -30,11 +30,15 @@ from flexgen.errors import BuildError
 
 AGAIN = "generate it again with flexgen.generate(..., force=True)"
 
-_FLAGS = sum(getattr(os, flag, 0) for flag in ("O_RDONLY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+_FLAGS = sum(
+    getattr(os, flag, 0)
+    for flag in ("O_RDONLY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")
+)
 _POSIX = os.name == "posix"
 _ELF_SYSTEM = _POSIX and sys.platform != "darwin"
 _ELF = b"\x7fELF"
-_LOADED: dict[str, ctypes.CDLL] = {}  # by the digest of the content; a library stays in memory until the process ends
+# by the digest of the content; a library stays in memory until the process ends
+_LOADED: dict[str, ctypes.CDLL] = {}
 _LOCK, _COUNTER = threading.Lock(), itertools.count()
 _PT_LOAD = 1
 _ET_DYN = 3
@@ -77,7 +81,9 @@ def read_library(path: Path, sha256: str | None = None, advice: str = AGAIN) -> 
     content = read_verified(path, advice)
     given = hashlib.sha256(content).hexdigest()
     if sha256 not in (None, given):
-        raise BuildError(f"{path}: given SHA-256 {given[:16]}..., expected {str(sha256)[:16]}...; {advice}")
+        raise BuildError(
+            f"{path}: given SHA-256 {given[:16]}..., expected {str(sha256)[:16]}...; {advice}"
+        )
     problem = _elf_problem(content) if _ELF_SYSTEM else None
     if problem is not None:
         raise BuildError(f"{path}: given {problem}; {advice}")
@@ -123,7 +129,8 @@ def load_verified(path: Path, sha256: str | None = None, advice: str = AGAIN) ->
 def private_copy(name: str, content: bytes) -> Iterator[str]:
     """The path of a copy of a shared library that no other user can write, for a loader; it ends with the block."""
     if not hasattr(os, "memfd_create"):
-        with tempfile.TemporaryDirectory(prefix="flexgen-", ignore_cleanup_errors=True) as folder:  # of mode 700
+        # of mode 700
+        with tempfile.TemporaryDirectory(prefix="flexgen-", ignore_cleanup_errors=True) as folder:
             copy = Path(folder, name)
             copy.write_bytes(content)
             yield str(copy)
@@ -135,7 +142,8 @@ def private_copy(name: str, content: bytes) -> Iterator[str]:
         # The loader takes two libraries of one name for the same one, and numbers of descriptors are used again. A path
         # is different, and leads to the same file, with other "/" and "./" in it: the digits of a counter.
         digits = "".join("./" if digit == "1" else "/" for digit in f"{next(_COUNTER):b}")
-        yield f"/proc/self/fd/./{digits}{descriptor}"  # (CasADi appends .so to a path without a dot)
+        # (CasADi appends .so to a path without a dot)
+        yield f"/proc/self/fd/./{digits}{descriptor}"
     finally:
         os.close(descriptor)
 
@@ -197,12 +205,18 @@ def _elf_problem(content: bytes) -> str | None:
     (table,) = struct.unpack_from(f"{order}{'Q' if wide else 'I'}", content, 32 if wide else 28)
     entry_size, count = struct.unpack_from(f"{order}HH", content, 54 if wide else 42)
     layout = struct.Struct(f"{order}IIQQQQQQ" if wide else f"{order}IIIIIIII")
-    if entry_size != layout.size or not 0 < count < 0xFFFF or table + count * entry_size > len(content):
+    if (
+        entry_size != layout.size
+        or not 0 < count < 0xFFFF
+        or table + count * entry_size > len(content)
+    ):
         return "a cut or garbled library (its table of segments)"
     loads = 0
     for k in range(count):
         fields = layout.unpack_from(content, table + k * entry_size)
-        start, size, memory = (fields[2], fields[5], fields[6]) if wide else (fields[1], fields[4], fields[5])
+        start, size, memory = (
+            (fields[2], fields[5], fields[6]) if wide else (fields[1], fields[4], fields[5])
+        )
         if start + size > len(content) or (fields[0] == _PT_LOAD and size > memory):
             return f"a cut or garbled library (segment {k} ends at byte {start + size} of {len(content)})"
         loads += fields[0] == _PT_LOAD

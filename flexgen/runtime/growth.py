@@ -63,11 +63,19 @@ class Growth:
         """
         self._refuse_closed()
         if not isinstance(motion, Inversion):
-            raise ArgumentError(f"growth, motion: given {type(motion).__name__}, expected what invert returned")
+            raise ArgumentError(
+                f"growth, motion: given {type(motion).__name__}, expected what invert returned"
+            )
         n, real = len(motion.q_a), self.model_parameters.dtype
         shapes = {key: (n, self.sizes[width]) for key, width in _WIDTHS.items()}
-        arrays = {key: array_of("growth", key, getattr(motion, key), shape, real) for key, shape in shapes.items()}
-        values, found = parameters_of("growth", parameters, self.model_parameters), np.empty(1, real)
+        arrays = {
+            key: array_of("growth", key, getattr(motion, key), shape, real)
+            for key, shape in shapes.items()
+        }
+        values, found = (
+            parameters_of("growth", parameters, self.model_parameters),
+            np.empty(1, real),
+        )
         work = np.empty(self.work, real)
         status = self.entry(
             ctypes.byref(struct_of(self.motion, **arrays)),
@@ -97,4 +105,13 @@ def growth_of(
         return None
     work, motion = found(f"{name}_growth_work"), interface_of(manifest).structs["motion"]
     work.restype = ctypes.c_int64
-    return Growth(name, manifest["sizes"], motion, found(f"{name}_growth"), int(work()), parameters, failures, again)
+    return Growth(
+        name,
+        manifest["sizes"],
+        motion,
+        found(f"{name}_growth"),
+        int(work()),
+        parameters,
+        failures,
+        again,
+    )

@@ -14,7 +14,8 @@ from flexgen.errors import BuildError
 from flexgen.runtime.files import AGAIN, read_verified, verify_folder
 
 ABI_VERSION, FORMAT = 5, 3  # of the interface between Python and C; of the manifest
-TOLERANCES = {"double": 1e-6, "single": 1e-3}  # of whole paths and streams: residual of a deflection of 1e-8 rad or m
+# of whole paths and streams: residual of a deflection of 1e-8 rad or m
+TOLERANCES = {"double": 1e-6, "single": 1e-3}
 CONFIGURATIONS_MAX = 16  # of an arm with six rotations, away from singularities
 STARTS, STARTS_MAX = 1536, 1_000_000  # of the search of all of them: recommended; at most
 REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
@@ -84,7 +85,11 @@ def read_parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarra
 
 def _signatures(manifest: dict[str, Any]) -> list[str]:
     """The lines that the library hashes: those of its functions, its structs and its fixed functions."""
-    fixed = [f"{row['signature']}\n" for key in ("structs", "c_functions") for row in manifest.get(key, ())]
+    fixed = [
+        f"{row['signature']}\n"
+        for key in ("structs", "c_functions")
+        for row in manifest.get(key, ())
+    ]
     each = ["parameters for each point\n"] if manifest.get("per_point") else []
     return [*map(_signature, manifest["functions"]), *each, *fixed]
 
@@ -105,7 +110,9 @@ def read_manifest(folder: Path) -> tuple[Path, dict[str, Any]]:
         trusted = verify_folder(folder)
         manifest = json.loads(read_verified(trusted / path.name))
     except OSError as error:
-        raise BuildError(f"{folder}: given no readable manifest.json, expected what flexgen.generate writes") from error
+        raise BuildError(
+            f"{folder}: given no readable manifest.json, expected what flexgen.generate writes"
+        ) from error
     except (ValueError, RecursionError) as error:
         raise BuildError(f"{path}: given text that is not JSON ({error}); {AGAIN}") from error
     if not isinstance(manifest, dict):

@@ -104,7 +104,9 @@ class InverseKinematics:
         chosen = self._free(free)
         for name, value in (("starts", starts), ("most", most)):
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-                raise ArgumentError(f"{FUNCTION}: {name}: given {value!r}, expected a whole number of at least 1")
+                raise ArgumentError(
+                    f"{FUNCTION}: {name}: given {value!r}, expected a whole number of at least 1"
+                )
         starts, most = min(int(starts), STARTS_MAX), min(int(most), CONFIGURATIONS_MAX)
         q, work, count = np.empty((most, self._n_a)), np.empty(self._work), ctypes.c_int(0)
         status = int(
@@ -126,7 +128,10 @@ class InverseKinematics:
         if free is None:
             return None
         given = list(free) if isinstance(free, Iterable) else []
-        whole = all(isinstance(i, int | np.integer) and not isinstance(i, bool) and 0 <= i < self._n_a for i in given)
+        whole = all(
+            isinstance(i, int | np.integer) and not isinstance(i, bool) and 0 <= i < self._n_a
+            for i in given
+        )
         if not whole or len(given) != 6 or len(set(given)) != 6:
             raise ArgumentError(
                 f"{FUNCTION}: free: given {free!r}, expected six different indices from 0 to {self._n_a - 1}"
@@ -136,7 +141,9 @@ class InverseKinematics:
     def _refuse(self, status: int) -> None:
         exception, text = failure_of(self._failures, status)
         if status == self._statuses["BAD_ARGUMENT"]:
-            text = "R is not a rotation matrix, |q_start| > 1000, or free coordinates without a motor"
+            text = (
+                "R is not a rotation matrix, |q_start| > 1000, or free coordinates without a motor"
+            )
         elif status == self._statuses["NOT_CONVERGED"]:
             text = f"more than {CONFIGURATIONS_MAX} configurations at this pose, which is singular"
         raise exception(f"{FUNCTION}: {text}")
@@ -150,10 +157,14 @@ def inverse_kinematics_of(
 ) -> InverseKinematics | None:
     """What a library offers; None where the manifest lists no inverse kinematics."""
     name, sizes = manifest["name"], manifest["sizes"]
-    if not {FUNCTION, f"{FUNCTION}_work"} <= {row["name"] for row in manifest.get("c_functions", ())}:
+    if not {FUNCTION, f"{FUNCTION}_work"} <= {
+        row["name"] for row in manifest.get("c_functions", ())
+    }:
         return None
     work = found(f"{name}_{FUNCTION}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{FUNCTION}")
     statuses = interface_of(manifest).statuses
-    return InverseKinematics(name, sizes["n_a"], sizes["n_g"], entry, int(work()), failures, statuses, again)
+    return InverseKinematics(
+        name, sizes["n_a"], sizes["n_g"], entry, int(work()), failures, statuses, again
+    )

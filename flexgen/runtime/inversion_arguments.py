@@ -53,7 +53,9 @@ def samples_of(
     y, n_y = array_of(function, "y", path[0], None, real), sizes["n_y"]
     before = y.shape[:-1] if y.ndim == 2 or (problems and y.ndim == 3) else (-1,)
     if problems and before == (-1,):
-        raise ArgumentError(f"{function}, y: given shape {y.shape}, expected (problems, n, {sizes['n_t']}) or (n, ...)")
+        raise ArgumentError(
+            f"{function}, y: given shape {y.shape}, expected (problems, n, {sizes['n_t']}) or (n, ...)"
+        )
     columns = {"y": (y, sizes["n_t"]), "dy": (path[1], n_y), "ddy": (path[2], n_y)}
     if force is not None:
         if not takes_force:
@@ -62,7 +64,10 @@ def samples_of(
                 'parts=["force"] (--with force)'
             )
         columns["force"] = force, 3 * n_y
-    return {key: array_of(function, key, x, (*before, width), real) for key, (x, width) in columns.items()}
+    return {
+        key: array_of(function, key, x, (*before, width), real)
+        for key, (x, width) in columns.items()
+    }
 
 
 def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
@@ -75,14 +80,18 @@ def tolerance_of(real: np.dtype[Any]) -> float:
     return TOLERANCES["double" if real == np.float64 else "single"]
 
 
-def array_of(function: str, name: str, x: Any, shape: tuple[int, ...] | None, real: np.dtype[Any]) -> np.ndarray:
+def array_of(
+    function: str, name: str, x: Any, shape: tuple[int, ...] | None, real: np.dtype[Any]
+) -> np.ndarray:
     """An argument as C reads it: numbers of the library's precision, row after row; ``shape``: None where free."""
     try:
         array = np.asarray(x)
     except (ValueError, TypeError) as error:
         raise ArgumentError(f"{function}, {name}: given {error}, expected real numbers") from error
     if array.dtype.kind not in "iuf":
-        raise ArgumentError(f"{function}, {name}: given entries of type {array.dtype}, expected real numbers")
+        raise ArgumentError(
+            f"{function}, {name}: given entries of type {array.dtype}, expected real numbers"
+        )
     if shape is not None and array.shape != shape:
         expected = ("n", *shape[1:]) if shape[0] < 0 else shape
         raise ArgumentError(

@@ -32,7 +32,9 @@ from flexgen.runtime.targets import refuse_other_computer
 from flexgen.spec.ports import Port, c_name_problem
 from flexgen.type_checks import checked_methods, checked_types
 
-_LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z")
+_LIBRARY_FILE = re.compile(
+    r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z"
+)
 _INVERTERS = {"invert": Inverter, "bvp": Inverter, "invert_limited": LimitedInverter}
 _INVERTS = "one with all functions, of a model with as many outputs as motors and simplified motor coupling"
 
@@ -98,7 +100,9 @@ class Library:
         self.sizes: Mapping[str, int] = MappingProxyType(dict(manifest["sizes"]))
         self.parameters = parameters
         self.per_point: bool = bool(manifest.get("per_point"))
-        self.parameter_names: tuple[str, ...] = tuple(p["name"] for p in manifest.get("parameters", ()))
+        self.parameter_names: tuple[str, ...] = tuple(
+            p["name"] for p in manifest.get("parameters", ())
+        )
         self.coordinates: tuple[str, ...] = tuple(c["name"] for c in manifest["coordinates"])
         self.units: tuple[str, ...] = tuple(c["unit"] for c in manifest["coordinates"])
         self.motors: tuple[str, ...] = tuple(manifest["motors"])
@@ -150,7 +154,9 @@ class Library:
     def growth(self) -> Growth:
         """Largest growth of a perturbation along a motion; ArgumentError where the library has none."""
         if self._growth is None:
-            raise ArgumentError(f"{self.name}: given a library without growth, expected {_INVERTS}, with linearize")
+            raise ArgumentError(
+                f"{self.name}: given a library without growth, expected {_INVERTS}, with linearize"
+            )
         return self._growth
 
     def path_sampler(self, table: Any, *, parameters: Any = None) -> PathSampler:
@@ -173,7 +179,9 @@ class Library:
             The library has no sampler or is closed, or the table is not one of this model.
         """
         if self.samplers is None:
-            raise ArgumentError(f"{self.name}: given a library without path_sample, expected {_INVERTS}")
+            raise ArgumentError(
+                f"{self.name}: given a library without path_sample, expected {_INVERTS}"
+            )
         return PathSampler(self.samplers, table, parameters)
 
     @checked_types(own=("hold", "delay"))
@@ -238,7 +246,9 @@ class Library:
         if self._closed:
             raise closed_error(self.name)
         if self.streams is None:
-            raise ArgumentError(f"{self.name}: given a library without streams, expected {_INVERTS}")
+            raise ArgumentError(
+                f"{self.name}: given a library without streams, expected {_INVERTS}"
+            )
         return Stream(
             self.sizes,
             self.streams,
@@ -300,7 +310,9 @@ class Library:
         functions = self.__dict__.get("functions", {})
         if name in functions:
             return functions[name]
-        raise AttributeError(f"given {name!r}, expected one of the library's functions: {', '.join(functions)}")
+        raise AttributeError(
+            f"given {name!r}, expected one of the library's functions: {', '.join(functions)}"
+        )
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.functions})
@@ -345,7 +357,9 @@ def load(directory: str | os.PathLike[str], device: str = "cpu") -> Library:
     array([-867.9, -867.9])
     """
     if not isinstance(directory, str | os.PathLike) or not isinstance(os.fspath(directory), str):
-        raise ArgumentError(f"directory: given {directory!r}, expected the path of what flexgen.generate wrote")
+        raise ArgumentError(
+            f"directory: given {directory!r}, expected the path of what flexgen.generate wrote"
+        )
     if "\0" in os.fspath(directory):
         raise ArgumentError(f"directory: given {str(directory)!r}, expected the path of a folder")
     library = _load(Path(directory), None)
@@ -366,9 +380,15 @@ def _load(folder: Path, sha256: str | None) -> Library:
     """Load the library of a folder, where its file has the given digest."""
     trusted, manifest = read_manifest(folder)
     try:
-        name, file, recorded = manifest["name"], manifest["build"]["library"], manifest["build"]["sha256"]
+        name, file, recorded = (
+            manifest["name"],
+            manifest["build"]["library"],
+            manifest["build"]["sha256"],
+        )
         if c_name_problem(name) is not None:
-            raise BuildError(f"name of the library: given {name!r}, expected {c_name_problem(name)}; {AGAIN}")
+            raise BuildError(
+                f"name of the library: given {name!r}, expected {c_name_problem(name)}; {AGAIN}"
+            )
         named = _LIBRARY_FILE.match(file)
         if named is None or named["name"] != name or named["hash"] != recorded[:16]:
             raise BuildError(
@@ -383,15 +403,21 @@ def _load(folder: Path, sha256: str | None) -> Library:
         library = load_verified(trusted / file, recorded)
         verify(library, manifest)
         negative = [status for status in manifest["statuses"] if status["code"] < 0]
-        failures = {status["code"]: (_exception(status["exception"]), status["text"]) for status in negative}
+        failures = {
+            status["code"]: (_exception(status["exception"]), status["text"]) for status in negative
+        }
         parameters = read_parameters(library, manifest)
         functions = {
-            f["name"]: _function(library, manifest, f, failures, parameters, (str(trusted), recorded, f["name"]))
+            f["name"]: _function(
+                library, manifest, f, failures, parameters, (str(trusted), recorded, f["name"])
+            )
             for f in manifest["functions"]
         }
         found = partial(entry_of, library)
         others = ("streams", "samplers", "inverse_kinematics", "growth")
-        again = {what: (offered_again, (str(trusted), recorded, what)) for what in (*_INVERTERS, *others)}
+        again = {
+            what: (offered_again, (str(trusted), recorded, what)) for what in (*_INVERTERS, *others)
+        }
         inverters = {
             kind: inverter_of(manifest, found, failures, again[kind], kind, parameters, form)
             for kind, form in _INVERTERS.items()
@@ -405,11 +431,15 @@ def _load(folder: Path, sha256: str | None) -> Library:
     except BuildError as error:
         raise error if str(folder) in str(error) else BuildError(f"{folder}: {error}") from error
     except OSError as error:
-        raise BuildError(f"{folder}: given a library that cannot be loaded ({error}); {AGAIN}") from error
+        raise BuildError(
+            f"{folder}: given a library that cannot be loaded ({error}); {AGAIN}"
+        ) from error
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         if isinstance(error, FlexgenError):
             raise BuildError(f"{folder}: {error}; {AGAIN}") from error
-        raise BuildError(f"{folder / 'manifest.json'}: given an incomplete manifest ({error!r}); {AGAIN}") from error
+        raise BuildError(
+            f"{folder / 'manifest.json'}: given an incomplete manifest ({error!r}); {AGAIN}"
+        ) from error
 
 
 def _exception(name: str) -> type[FlexgenError]:
@@ -445,10 +475,14 @@ def _function(
     )
     for port in inputs:
         if port.name == PARAMETERS and port.shape != parameters.shape:
-            raise ValueError(f"given {port.shape} as the shape of {name}'s parameters, expected {parameters.shape}")
+            raise ValueError(
+                f"given {port.shape} as the shape of {name}'s parameters, expected {parameters.shape}"
+            )
     prefix = manifest["name"]
     single, batch = (entry_of(library, f"{prefix}_{name}{suffix}") for suffix in ("", "_batch"))
-    work, batch_work = (entry_of(library, f"{prefix}_{suffix}") for suffix in ("work", "batch_work"))
+    work, batch_work = (
+        entry_of(library, f"{prefix}_{suffix}") for suffix in ("work", "batch_work")
+    )
     return Function(
         name,
         described["summary"],

@@ -47,14 +47,20 @@ def limit_members(
         if name in SIZES:
             out[name] = array_of(function, name, x, (sizes[SIZES[name]],), real)
             if not (out[name] > 0).all():
-                raise ArgumentError(f"{function}, {name}: given {out[name]}, expected positive numbers")
+                raise ArgumentError(
+                    f"{function}, {name}: given {out[name]}, expected positive numbers"
+                )
         elif name in OF_TOOL:
             out[name] = number_of(function, name, x)
             if not out[name] >= 0.0:
-                raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number >= 0")
+                raise ArgumentError(
+                    f"{function}, {name}: given {show_value(x)}, expected a number >= 0"
+                )
         elif name != "torque_speed":
             known = ", ".join((*SIZES, *OF_TOOL, "torque_speed"))
-            raise ArgumentError(f"{function}: given the limit {show_value(name)}, expected some of {known}")
+            raise ArgumentError(
+                f"{function}: given the limit {show_value(name)}, expected some of {known}"
+            )
         else:
             listed = isinstance(x, list | tuple) or (isinstance(x, np.ndarray) and x.ndim > 0)
             found = [points_of(one) for one in x] if listed else []
@@ -168,11 +174,18 @@ class LimitedInverter(Inverter):
         named = dict(zip(SIZES, arrays, strict=True)) | {"torque_speed": torque_speed}
         named |= {"tool_speed_max": tool_speed_max, "tool_acceleration_max": tool_acceleration_max}
         limits = limit_members(function, named, sizes, self._real)
-        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
+        options = self._options(
+            n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
+        )
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)
-        bounds = struct_of(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)
+        bounds = struct_of(
+            self._structs["inversion_limits"],
+            knot_samples=knot_samples,
+            deviation=deviation,
+            **limits,
+        )
         values = parameters_of(function, parameters, self._parameters, self._rows)
         period = number_of(function, "period", period)
         return replace(self._invert(given, values, q, period, options, bounds), deviation=deviation)

@@ -23,7 +23,13 @@ from flexgen.counts import count_of, show_value
 from flexgen.errors import ArgumentError
 from flexgen.progress import Choice, Progress, reporting
 from flexgen.runtime.arguments import number_of
-from flexgen.runtime.inversion_arguments import array_of, check_bounds, parameters_of, pointer, pointers
+from flexgen.runtime.inversion_arguments import (
+    array_of,
+    check_bounds,
+    parameters_of,
+    pointer,
+    pointers,
+)
 from flexgen.runtime.path_inversion import RESULTS, Inverter
 from flexgen.runtime.structs import failure_of, struct_of
 from flexgen.type_checks import checked_class, checked_types
@@ -32,7 +38,16 @@ CHUNK = 0.05  # s: time of a chunk of problems; Ctrl-C waits for the end of thos
 POLL = 0.1  # s: from one message of progress to the next
 WORKERS = 1024  # threads, at most
 _FOR_GROWTH = ("q_a", "v_a", "q_m", "v_m", "tau_m")
-_SOLVER = ("n_pre", "n_post", "samples_per_interval", "tolerance", "hold", "delay", "settled", "growth")
+_SOLVER = (
+    "n_pre",
+    "n_post",
+    "samples_per_interval",
+    "tolerance",
+    "hold",
+    "delay",
+    "settled",
+    "growth",
+)
 _NOT_SOLVED = np.iinfo(np.intc).min  # in the place of a status
 
 
@@ -103,7 +118,10 @@ class Inversions:
     def counts(self) -> dict[str, int]:
         """How many problems have which status, by its sentence."""
         found = Counter(self.status.tolist())
-        return {self.sentences.get(status, f"unknown status {status}"): number for status, number in found.items()}
+        return {
+            self.sentences.get(status, f"unknown status {status}"): number
+            for status, number in found.items()
+        }
 
 
 @checked_class
@@ -181,7 +199,9 @@ class ManyInverter:
 
     def __repr__(self) -> str:
         known = ", parameters=None" * bool(self._inverter._parameters.size)
-        return f"invert_many(y, dy, ddy, *, period, q_start{known}, outputs=('tau_m',), options=None)"
+        return (
+            f"invert_many(y, dy, ddy, *, period, q_start{known}, outputs=('tau_m',), options=None)"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._inverter,)
@@ -231,14 +251,24 @@ class ManyInverter:
         inverter, chosen = self._inverter, options or InversionOptions()
         inverter._refuse_closed()
         job = self._job((y, dy, ddy), period, q_start, parameters, outputs, chosen)
-        workers = count_cores() if chosen.workers is None else count_of("invert_many, workers", chosen.workers, WORKERS)
+        workers = (
+            count_cores()
+            if chosen.workers is None
+            else count_of("invert_many, workers", chosen.workers, WORKERS)
+        )
         found = _Collected(inverter, job, chosen.reduce)
         with reporting(chosen.progress, "invert_many") as progress:
             _in_threads(found.solve, job.problems, workers, progress)
         return found.result()
 
     def _job(
-        self, path: Any, period: Any, q_start: Any, parameters: Any, outputs: Any, options: InversionOptions
+        self,
+        path: Any,
+        period: Any,
+        q_start: Any,
+        parameters: Any,
+        outputs: Any,
+        options: InversionOptions,
     ) -> _Job:
         """The arguments, checked."""
         inverter, name, real = self._inverter, "invert_many", self._inverter._real
@@ -254,10 +284,16 @@ class ManyInverter:
             else parameters_of(name, parameters, inverter._parameters)
         )
         check_bounds(name, values, inverter._rows if many else ())
-        own = {"own_path": y.ndim == 3, "own_parameters": values.ndim == 2, "own_q_start": starts.ndim == 2}
+        own = {
+            "own_path": y.ndim == 3,
+            "own_parameters": values.ndim == 2,
+            "own_q_start": starts.ndim == 2,
+        }
         lengths = {key: len(x) for key, x in zip(own, (y, values, starts), strict=True) if own[key]}
         if len(set(lengths.values())) != 1:
-            words = ", ".join(f"{number} of {key.removeprefix('own_')}" for key, number in lengths.items())
+            words = ", ".join(
+                f"{number} of {key.removeprefix('own_')}" for key, number in lengths.items()
+            )
             raise ArgumentError(
                 f"{name}: given {words or 'one path, one q_start and one set of parameters'}, expected the same number "
                 "of problems in at least one of y (problems, n, n_t), parameters (problems, n_p) and q_start "
@@ -265,25 +301,47 @@ class ManyInverter:
             )
         period, tolerance = number_of(name, "period", period), options.tolerance
         if not 0 < period < 1e6:
-            raise ArgumentError(f"{name}, period: given {period:g}, expected a number above 0, below 1e6 s")
+            raise ArgumentError(
+                f"{name}, period: given {period:g}, expected a number above 0, below 1e6 s"
+            )
         if tolerance is not None and not 0 < tolerance < 1:
-            raise ArgumentError(f"{name}, tolerance: given {tolerance:g}, expected a number from 0 to 1")
+            raise ArgumentError(
+                f"{name}, tolerance: given {tolerance:g}, expected a number from 0 to 1"
+            )
         solver = {key: getattr(options, key) for key in _SOLVER}
         if isinstance(outputs, str) or not set(outputs) <= set(RESULTS):
-            raise ArgumentError(f"{name}, outputs: given {show_value(outputs)}, expected some of {', '.join(RESULTS)}")
+            raise ArgumentError(
+                f"{name}, outputs: given {show_value(outputs)}, expected some of {', '.join(RESULTS)}"
+            )
         kept = tuple(key for key in RESULTS if key in outputs)
-        return _Job(next(iter(lengths.values())), given, values, starts, period, own, inverter._options(**solver), kept)
+        return _Job(
+            next(iter(lengths.values())),
+            given,
+            values,
+            starts,
+            period,
+            own,
+            inverter._options(**solver),
+            kept,
+        )
 
 
 class _Collected:
     """Calls C for chunks of problems, and keeps what is asked for."""
 
-    def __init__(self, inverter: Inverter, job: _Job, reduce: Callable[[Inversions], Any] | None) -> None:
+    def __init__(
+        self, inverter: Inverter, job: _Job, reduce: Callable[[Inversions], Any] | None
+    ) -> None:
         if inverter.entry_many is None:
             raise ArgumentError(
                 "invert_many: given a library without invert_many, expected one that is generated again"
             )
-        self._inverter, self._entry, self._job, self._reduce = inverter, inverter.entry_many, job, reduce
+        self._inverter, self._entry, self._job, self._reduce = (
+            inverter,
+            inverter.entry_many,
+            job,
+            reduce,
+        )
         structs, n = self._inverter._structs, job.samples["y"].shape[-2]
         self._options = struct_of(structs["inversion_options"], **job.options)
         counts = {key: job.options[key] for key in ("n_pre", "n_post", "samples_per_interval")}
@@ -299,7 +357,10 @@ class _Collected:
         """Memory for these results of so many problems."""
         widths = self._inverter._widths()
         try:
-            return {key: np.empty((problems, self._total, widths[key]), self._inverter._real) for key in names}
+            return {
+                key: np.empty((problems, self._total, widths[key]), self._inverter._real)
+                for key in names
+            }
         except (MemoryError, ValueError) as error:
             raise ArgumentError(
                 f"invert_many: given {problems} problems of {self._total} samples, whose results do not fit in memory "
@@ -308,9 +369,19 @@ class _Collected:
 
     def solve(self, begin: int, end: int) -> None:
         """Solve these problems."""
-        inverter, job, structs, count = self._inverter, self._job, self._inverter._structs, end - begin
-        names = {*(job.outputs if self._reduce else ()), *(_FOR_GROWTH if job.options["growth"] else ())}
-        arrays = self._arrays([key for key in RESULTS if key in names and key not in self._kept], count)
+        inverter, job, structs, count = (
+            self._inverter,
+            self._job,
+            self._inverter._structs,
+            end - begin,
+        )
+        names = {
+            *(job.outputs if self._reduce else ()),
+            *(_FOR_GROWTH if job.options["growth"] else ()),
+        }
+        arrays = self._arrays(
+            [key for key in RESULTS if key in names and key not in self._kept], count
+        )
         arrays |= {key: x[begin:end] for key, x in self._kept.items()}
         part = {key: x[begin:end] if job.own["own_path"] else x for key, x in job.samples.items()}
         values = job.parameters[begin:end] if job.own["own_parameters"] else job.parameters
@@ -348,7 +419,9 @@ class _Collected:
                 if self._reduced is None:
                     self._reduced = np.empty((self._job.problems, *array.shape[1:]), array.dtype)
             if self._reduced.shape[1:] != array.shape[1:]:
-                raise ValueError(f"shape {array.shape} after {self._reduced.shape[1:]} for a problem")
+                raise ValueError(
+                    f"shape {array.shape} after {self._reduced.shape[1:]} for a problem"
+                )
         except (ValueError, TypeError) as error:
             raise ArgumentError(
                 f"invert_many, reduce: given a function that returned {error}, expected an array with one row of the "
@@ -402,7 +475,9 @@ def _in_threads(
         while not stopped:
             with lock:
                 begin = taken
-                end = taken = min(problems, begin + min(size, -(-(problems - begin) // (2 * workers))))
+                end = taken = min(
+                    problems, begin + min(size, -(-(problems - begin) // (2 * workers)))
+                )
             if begin == end:
                 return
             began = time.perf_counter()

@@ -148,9 +148,17 @@ class Inverter:
         function: str,
         parameters: np.ndarray,
     ) -> None:
-        self._name, self._sizes, self._interface = manifest["name"], manifest["sizes"], interface_of(manifest)
+        self._name, self._sizes, self._interface = (
+            manifest["name"],
+            manifest["sizes"],
+            interface_of(manifest),
+        )
         self._structs = self._interface.structs
-        self._parameters, self._real, self._rows = parameters, parameters.dtype, manifest.get("parameters", ())
+        self._parameters, self._real, self._rows = (
+            parameters,
+            parameters.dtype,
+            manifest.get("parameters", ()),
+        )
         self._entry, self._work, self._failures = entry, work, failures
         self._function, self._can_settle = function, function != "bvp"
         self._takes_force = any(name == "force" for name, *_ in self._structs["samples"]._fields_)
@@ -171,11 +179,20 @@ class Inverter:
         return self._again
 
     def __repr__(self) -> str:
-        defaults = (type(self).__call__.__kwdefaults__ or {}) | {"tolerance": tolerance_of(self._real)}
-        shown = {name: repr(x) if isinstance(x, bool | str | None) else f"{x:g}" for name, x in defaults.items()}
+        defaults = (type(self).__call__.__kwdefaults__ or {}) | {
+            "tolerance": tolerance_of(self._real)
+        }
+        shown = {
+            name: repr(x) if isinstance(x, bool | str | None) else f"{x:g}"
+            for name, x in defaults.items()
+        }
         absent = {"force": not self._takes_force, "servo": self.servo is None}
         shown = {name: x for name, x in shown.items() if not absent.get(name, False)}
-        options = [f"{name}={x}" for name, x in shown.items() if name != "parameters" or self._parameters.size]
+        options = [
+            f"{name}={x}"
+            for name, x in shown.items()
+            if name != "parameters" or self._parameters.size
+        ]
         return f"{self._function}(y, dy, ddy, *, period, q_start, {', '.join(options)})"
 
     def close(self) -> None:
@@ -262,13 +279,17 @@ class Inverter:
         given = self._samples((y, dy, ddy), force)
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
-        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
+        options = self._options(
+            n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
+        )
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         values = parameters_of(function, parameters, self._parameters, self._rows)
         return self._invert(given, values, q, period, options)
 
     @checked_types(own=("period",))
-    def positions(self, found: Inversion | np.ndarray, *, period: float, interpolation: str = "linear") -> np.ndarray:
+    def positions(
+        self, found: Inversion | np.ndarray, *, period: float, interpolation: str = "linear"
+    ) -> np.ndarray:
         """Positions for an interface of this period, whose interpolation is closest to commands.
 
         Parameters
@@ -292,9 +313,13 @@ class Inverter:
             The inversion has no commands, or the period or the interpolation is another one.
         """
         self._refuse_closed()
-        commands, step = (found.command_g, found.period) if isinstance(found, Inversion) else (found, None)
+        commands, step = (
+            (found.command_g, found.period) if isinstance(found, Inversion) else (found, None)
+        )
         if self.servo is None or commands is None:
-            raise ArgumentError("positions: given an inversion without commands, expected one with servo=True")
+            raise ArgumentError(
+                "positions: given an inversion without commands, expected one with servo=True"
+            )
         commands = array_of("positions", "found", commands, None, self._real)
         if commands.ndim != 2 or commands.shape[1] != self._sizes["n_g"] or len(commands) < 2:
             raise ArgumentError(
@@ -303,7 +328,9 @@ class Inverter:
         step = self.servo.sample_time if step is None else step
         each = number_of("positions", "period", period) / step
         if not (each >= 1.0 - 1e-6 and abs(each - round(each)) <= 1e-6 * each):
-            raise ArgumentError(f"positions, period: given {period:g} s, expected a multiple of {step:g} s")
+            raise ArgumentError(
+                f"positions, period: given {period:g} s, expected a multiple of {step:g} s"
+            )
         return self.servo.samples("positions", commands, round(each), interpolation)
 
     def _options(
@@ -324,10 +351,18 @@ class Inverter:
         tolerance = number_of(self._function, "tolerance", tolerance)
         settled = number_of(self._function, "settled", settled)
         if not (0.0 <= settled < 1.0 if self._can_settle else settled == 0.0):
-            wanted = "a number from 0 to 1 [m or rad]" if self._can_settle else "0: all samples are computed"
+            wanted = (
+                "a number from 0 to 1 [m or rad]"
+                if self._can_settle
+                else "0: all samples are computed"
+            )
             raise ArgumentError(f"{self._function}, settled: given {settled:g}, expected {wanted}")
         if not isinstance(growth, bool) or (growth and not self._grows):
-            wanted = "True or False" if self._grows else "False: this function, or the library, computes no growth"
+            wanted = (
+                "True or False"
+                if self._grows
+                else "False: this function, or the library, computes no growth"
+            )
             raise ArgumentError(f"{self._function}, growth: given {growth!r}, expected {wanted}")
         return {
             **counts,
@@ -355,7 +390,10 @@ class Inverter:
         total = n + counts["n_pre"] + counts["n_post"]
         out = self._results(total)
         if "servo" in options:
-            out |= {f"command_{side}": np.empty((total, self._sizes[f"n_{side}"]), self._real) for side in "mg"}
+            out |= {
+                f"command_{side}": np.empty((total, self._sizes[f"n_{side}"]), self._real)
+                for side in "mg"
+            }
         path, motion = (
             struct_of(structs["samples"], n=n, period=period, **given),
             struct_of(structs["motion"], **out),
@@ -393,10 +431,16 @@ class Inverter:
         if status < 0:
             exception, text = failure_of(self._failures, status)
             residual, iterations = reported["residual"], reported["iterations"]
-            reached = "" if np.isnan(residual) else f" (residual {residual:.3g} after {iterations} iterations)"
+            reached = (
+                ""
+                if np.isnan(residual)
+                else f" (residual {residual:.3g} after {iterations} iterations)"
+            )
             raise exception(f"{self._function}: {text}{reached}")
 
-    def _samples(self, path: Sequence[Any], force: Any = None, name: str = "") -> dict[str, np.ndarray]:
+    def _samples(
+        self, path: Sequence[Any], force: Any = None, name: str = ""
+    ) -> dict[str, np.ndarray]:
         """The samples of the path and of the force on it, checked; ``name``: of the function for many problems."""
         to = self._takes_force, bool(name)
         return samples_of(name or self._function, path, force, self._sizes, self._real, *to)

@@ -71,7 +71,12 @@ class PathSampler:
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         self._entries.refuse_closed()
         made, which = self._entries.again
-        return sampler_again, (made, which, self._table, self._parameters if self._parameters.size else None)
+        return sampler_again, (
+            made,
+            which,
+            self._table,
+            self._parameters if self._parameters.size else None,
+        )
 
     @property
     def _given(self) -> tuple[Any, ...]:
@@ -132,7 +137,9 @@ def samplers_of(
         return None
     start, sample, work = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
-    return SamplerEntries(manifest["name"], manifest["sizes"], start, sample, int(work()), parameters, failures, again)
+    return SamplerEntries(
+        manifest["name"], manifest["sizes"], start, sample, int(work()), parameters, failures, again
+    )
 
 
 def sampler_again(

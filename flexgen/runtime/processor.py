@@ -35,7 +35,11 @@ def instruction_sets() -> frozenset[str] | None:
     except OSError:
         return None
     flags = re.search(r"^flags\s*:(.*)$", text, re.MULTILINE)
-    return None if flags is None else frozenset(flags[1].split()) & frozenset(INSTRUCTION_SETS.values())
+    return (
+        None
+        if flags is None
+        else frozenset(flags[1].split()) & frozenset(INSTRUCTION_SETS.values())
+    )
 
 
 def missing_instruction_sets(needed: Iterable[str]) -> list[str]:

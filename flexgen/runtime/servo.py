@@ -31,7 +31,9 @@ class ServoEntry:
     fit_work: Callable[..., int]
     failures: Failures
 
-    def options(self, function: str, given: Any, period: float, hold: Any, delay: Any) -> dict[str, Any]:
+    def options(
+        self, function: str, given: Any, period: float, hold: Any, delay: Any
+    ) -> dict[str, Any]:
         """The options ``hold``, ``delay`` and ``servo`` of a call.
 
         Parameters
@@ -55,7 +57,9 @@ class ServoEntry:
                 f"{function}, hold: given {hold!r} and a delay of {delay} with a servo, expected its own"
             )
         if given is not True and not isinstance(given, Mapping):
-            raise ArgumentError(f"{function}, servo: given {given!r}, expected True or a mapping of its members")
+            raise ArgumentError(
+                f"{function}, servo: given {given!r}, expected True or a mapping of its members"
+            )
         servo: Any = self.defaults()
         kept: list[np.ndarray] = []
         for name, value in ({} if given is True else given).items():
@@ -83,19 +87,28 @@ class ServoEntry:
         """That of the model file [s]."""
         return float(self.defaults().sample_time)
 
-    def samples(self, function: str, command_g: np.ndarray, each: int, interpolation: str) -> np.ndarray:
+    def samples(
+        self, function: str, command_g: np.ndarray, each: int, interpolation: str
+    ) -> np.ndarray:
         """Positions (m, n_g), one every ``each`` samples of the commands (n, n_g), see the C function."""
         known = self.interface.enums["interpolation"]
         if interpolation not in known:
-            raise ArgumentError(f"{function}: given the interpolation {interpolation!r}, expected {', '.join(known)}")
+            raise ArgumentError(
+                f"{function}: given the interpolation {interpolation!r}, expected {', '.join(known)}"
+            )
         robot = self.interface.structs["robot_interface"](
             samples_per_position=each, interpolation=known.index(interpolation)
         )
         n, joints = command_g.shape
         size = int(self.fit_work(ctypes.c_int(n), ctypes.byref(robot)))
-        work, out = np.empty(max(size, 0), self.real), np.empty(((n - 1) // each + 1, joints), self.real)
+        work, out = (
+            np.empty(max(size, 0), self.real),
+            np.empty(((n - 1) // each + 1, joints), self.real),
+        )
         arrays = [pointer(x) for x in (command_g, out, work)]
-        status = self.fit(arrays[0], ctypes.c_int(n), ctypes.byref(robot), *arrays[1:], ctypes.c_int64(size))
+        status = self.fit(
+            arrays[0], ctypes.c_int(n), ctypes.byref(robot), *arrays[1:], ctypes.c_int64(size)
+        )
         if status < 0:
             exception, text = failure_of(self.failures, status)
             raise exception(f"{function}: {text}")
@@ -103,7 +116,10 @@ class ServoEntry:
 
 
 def servo_entry(
-    manifest: Mapping[str, Any], found: Callable[[str], Any], failures: Failures, real: np.dtype[Any]
+    manifest: Mapping[str, Any],
+    found: Callable[[str], Any],
+    failures: Failures,
+    real: np.dtype[Any],
 ) -> ServoEntry | None:
     """The servo of a library; None where it gives no positions to send."""
     if "servo_defaults" not in {row["name"] for row in manifest.get("c_functions", ())}:

@@ -13,7 +13,14 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import number_of, whole_of
-from flexgen.runtime.inversion_arguments import array_of, hold_of, parameters_of, pointer, pointers, tolerance_of
+from flexgen.runtime.inversion_arguments import (
+    array_of,
+    hold_of,
+    parameters_of,
+    pointer,
+    pointers,
+    tolerance_of,
+)
 from flexgen.runtime.limited_inversion import limit_members
 from flexgen.runtime.servo import servo_options
 from flexgen.runtime.stream_entries import StreamEntries
@@ -21,7 +28,12 @@ from flexgen.runtime.structs import REAL, failure_of, struct_of
 from flexgen.type_checks import checked_types
 
 # In words, of a tolerance that is not met; by members of the enum of C.
-_CAUSES = {"none": "", "residual": "residual", "mismatch": "kinematic mismatch", "torque_step": "horizon"}
+_CAUSES = {
+    "none": "",
+    "residual": "residual",
+    "mismatch": "kinematic mismatch",
+    "torque_step": "horizon",
+}
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -170,7 +182,9 @@ class Stream:
             status = entries.start(*memory, pointer(at), *pointers(held), pointer(q))
         else:
             arrays = self._samples(y, dy, ddy, force)
-            path = struct_of(entries.structs["samples"], n=len(arrays["y"]), period=self.period, **arrays)
+            path = struct_of(
+                entries.structs["samples"], n=len(arrays["y"]), period=self.period, **arrays
+            )
             status = entries.start_moving(*memory, ctypes.byref(path), *pointers(held), pointer(q))
         self._refuse(int(status))
         self._bind()
@@ -182,7 +196,10 @@ class Stream:
         columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
         if force is not None:
             columns["force"] = (force, 3 * n_y)
-        return {key: array_of("stream", key, x, (n, width), self._entries.real) for key, (x, width) in columns.items()}
+        return {
+            key: array_of("stream", key, x, (n, width), self._entries.real)
+            for key, (x, width) in columns.items()
+        }
 
     def _refuse_force(self) -> None:
         if self._entries.push is None:
@@ -192,23 +209,34 @@ class Stream:
 
     def _handle(self) -> ctypes.Structure:
         """The stream in C; its memory is that of this object."""
-        return struct_of(self._entries.structs["stream"], memory=self._memory, size=self._memory.size)
+        return struct_of(
+            self._entries.structs["stream"], memory=self._memory, size=self._memory.size
+        )
 
     def _bind(self) -> None:
         """Memory of the arguments of an update, and their addresses."""
         n_a, n_g, n_m = (self._sizes[key] for key in ("n_a", "n_g", "n_m"))
         real = self._entries.real
         self._inputs = [np.zeros(self._sizes[key], real) for key in ("n_t", "n_y", "n_y")]
-        self._outputs = [np.zeros((self.samples_per_interval, n), real) for n in (n_a, n_a, n_g, n_m, n_m, n_m)]
+        self._outputs = [
+            np.zeros((self.samples_per_interval, n), real) for n in (n_a, n_a, n_g, n_m, n_m, n_m)
+        ]
         structs, has_commands = self._entries.structs, self._entries.servo is not None
         self._names = (*_RESULTS, *("command_m", "command_g")[: 2 * has_commands])
         if has_commands:
             self._outputs += [np.zeros((self.samples_per_interval, n), real) for n in (n_m, n_g)]
-        self._motion = struct_of(structs["motion"], **dict(zip(self._names, self._outputs, strict=True)))
+        self._motion = struct_of(
+            structs["motion"], **dict(zip(self._names, self._outputs, strict=True))
+        )
         self._info = structs["stream_info"]()
         self._stream = self._handle()
         bound = tuple(pointer(x) for x in self._inputs)
-        self._arguments = (ctypes.byref(self._stream), *bound, ctypes.byref(self._motion), ctypes.byref(self._info))
+        self._arguments = (
+            ctypes.byref(self._stream),
+            *bound,
+            ctypes.byref(self._motion),
+            ctypes.byref(self._info),
+        )
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
@@ -219,7 +247,11 @@ class Stream:
         other = object.__new__(type(self))
         other.intervals, other.period = self.intervals, self.period
         other.samples_per_interval = self.samples_per_interval
-        other._sizes, other._entries, other._memory = self._sizes, self._entries, self._memory.copy()
+        other._sizes, other._entries, other._memory = (
+            self._sizes,
+            self._entries,
+            self._memory.copy(),
+        )
         other._bind()
         return other
 
@@ -270,14 +302,18 @@ class Stream:
                 continue
             given[i] = array_of("stream", name, x, memory.shape, memory.dtype)
         if not self._lock.acquire(blocking=False):
-            raise ArgumentError("stream: given an update while another one runs, expected one after the other")
+            raise ArgumentError(
+                "stream: given an update while another one runs, expected one after the other"
+            )
         try:
             for memory, x in zip(self._inputs, given, strict=True):
                 memory[...] = x
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
             info, interface = self._info, self._entries.interface
-            results: dict[str, Any] = dict(zip(self._names, (x.copy() for x in self._outputs), strict=True))
+            results: dict[str, Any] = dict(
+                zip(self._names, (x.copy() for x in self._outputs), strict=True)
+            )
             return Interval(
                 **results,
                 residual=info.residual,
@@ -317,7 +353,9 @@ class Stream:
         self._entries.refuse_closed()
         n_m = self._sizes["n_m"]
         both = [
-            array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,), self._entries.real)
+            array_of(
+                "stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,), self._entries.real
+            )
             for name, x in (("torque", torque), ("speed", speed))
         ]
         self._limit(self._entries.limits, [pointer(x) for x in both], deviation)
@@ -361,12 +399,18 @@ class Stream:
                 'with parts=["limits"] (--with limits)'
             )
         members = limit_members("stream", limits, self._sizes, self._entries.real)
-        self._limit(entry, [ctypes.byref(struct_of(self._entries.structs["inversion_limits"], **members))], deviation)
+        self._limit(
+            entry,
+            [ctypes.byref(struct_of(self._entries.structs["inversion_limits"], **members))],
+            deviation,
+        )
 
     def _limit(self, entry: Callable[..., int], given: list[Any], deviation: float) -> None:
         """Call a function of C with limits and the largest deviation."""
         if not self._lock.acquire(blocking=False):
-            raise ArgumentError("stream: given limits while an update runs, expected one after the other")
+            raise ArgumentError(
+                "stream: given limits while an update runs, expected one after the other"
+            )
         try:
             real = REAL["double" if self._entries.real == np.float64 else "single"]
             most = real(number_of("stream", "deviation", deviation))
@@ -392,9 +436,13 @@ class Stream:
             of a model file, such as a negative mass (C does not check that), or the stream has failed.
         """
         self._entries.refuse_closed()
-        values = parameters_of("stream", parameters, self._entries.model_parameters, self._entries.rows)
+        values = parameters_of(
+            "stream", parameters, self._entries.model_parameters, self._entries.rows
+        )
         if not self._lock.acquire(blocking=False):
-            raise ArgumentError("stream: given parameters while an update runs, expected one after the other")
+            raise ArgumentError(
+                "stream: given parameters while an update runs, expected one after the other"
+            )
         try:
             assert self._entries.change is not None  # the library has parameters
             self._refuse(int(self._entries.change(ctypes.byref(self._stream), pointer(values))))
@@ -423,7 +471,9 @@ class Stream:
         assert self._entries.push is not None
         values = array_of("stream", "force", force, (3 * self._sizes["n_y"],), self._entries.real)
         if not self._lock.acquire(blocking=False):
-            raise ArgumentError("stream: given a force while an update runs, expected one after the other")
+            raise ArgumentError(
+                "stream: given a force while an update runs, expected one after the other"
+            )
         try:
             self._refuse(int(self._entries.push(ctypes.byref(self._stream), pointer(values))))
         finally:
@@ -447,7 +497,11 @@ def stream_again(
 ) -> Stream:
     """The stream that was pickled."""
     stream = object.__new__(Stream)
-    stream.intervals, stream.samples_per_interval, stream.period = intervals, samples_per_interval, period
+    stream.intervals, stream.samples_per_interval, stream.period = (
+        intervals,
+        samples_per_interval,
+        period,
+    )
     stream._sizes, stream._entries, stream._memory = sizes, made(*which), memory.copy()
     stream._bind()
     return stream

@@ -35,7 +35,8 @@ class StreamEntries:
     change: Callable[..., int] | None
     model_parameters: np.ndarray
     failures: Failures
-    again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
+    # these entries, found once more where a stream is unpickled
+    again: tuple[Callable[..., Any], tuple[Any, ...]]
     push: Callable[..., int] | None = None  # takes forces on the output
     servo: ServoEntry | None = None  # that is sent positions
     rows: Rows = ()

@@ -15,15 +15,19 @@ from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
 
 _KINDS: dict[str, Any] = {"int": ctypes.c_int, "int64_t": ctypes.c_int64}
-REAL: dict[str, Any] = {"double": ctypes.c_double, "single": ctypes.c_float}  # the type of a number in C
+# the type of a number in C
+REAL: dict[str, Any] = {"double": ctypes.c_double, "single": ctypes.c_float}
 _POINTERS = ("const real *", "real *", "const servo *")
 
-Failures = Mapping[int, tuple[type[FlexgenError], str]]  # exception and text of each negative status
+# exception and text of each negative status
+Failures = Mapping[int, tuple[type[FlexgenError], str]]
 
 
 def closed_error(library: str) -> ArgumentError:
     """The error of a call of a library that was closed."""
-    return ArgumentError(f"{library}: given a library that was closed, expected an open one; load it again")
+    return ArgumentError(
+        f"{library}: given a library that was closed, expected an open one; load it again"
+    )
 
 
 def failure_of(failures: Failures, status: int) -> tuple[type[FlexgenError], str]:
@@ -61,7 +65,9 @@ def interface_of(manifest: Mapping[str, Any]) -> Interface:
     enums = {name: tuple(members) for name, members in manifest.get("enums", {}).items()}
     statuses = {status["name"]: int(status["code"]) for status in manifest["statuses"]}
     sentences = {int(status["code"]): str(status["text"]) for status in manifest["statuses"]}
-    return Interface(structs_of(manifest), enums, dict(manifest.get("limits", {})), statuses, sentences)
+    return Interface(
+        structs_of(manifest), enums, dict(manifest.get("limits", {})), statuses, sentences
+    )
 
 
 def structs_of(manifest: Mapping[str, Any]) -> dict[str, type[ctypes.Structure]]:
@@ -72,13 +78,17 @@ def structs_of(manifest: Mapping[str, Any]) -> dict[str, type[ctypes.Structure]]
         return "int" if field["kind"] in enums else field["kind"]
 
     return {
-        struct["name"]: _structure(real, struct["name"], tuple((f["name"], kind(f)) for f in struct["fields"]))
+        struct["name"]: _structure(
+            real, struct["name"], tuple((f["name"], kind(f)) for f in struct["fields"])
+        )
         for struct in manifest.get("structs", ())
     }
 
 
 @cache
-def _structure(precision: str, name: str, fields: tuple[tuple[str, str], ...]) -> type[ctypes.Structure]:
+def _structure(
+    precision: str, name: str, fields: tuple[tuple[str, str], ...]
+) -> type[ctypes.Structure]:
     kinds = {**_KINDS, "real": REAL[precision]}
     for _, kind in fields:
         if kind not in kinds and kind not in _POINTERS:

@@ -11,7 +11,9 @@ from typing import Any, Literal, get_args
 from flexgen.errors import BuildError
 from flexgen.runtime.processor import missing_instruction_sets
 
-TargetName = Literal["x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-macos", "aarch64-macos"]
+TargetName = Literal[
+    "x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-macos", "aarch64-macos"
+]
 TARGET_NAMES: tuple[TargetName, ...] = get_args(TargetName)
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "macos"}  # by sys.platform
 _MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}

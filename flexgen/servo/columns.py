@@ -11,7 +11,9 @@ Names = dict[str, tuple[str, ...]]
 def command_columns(model: RobotModel) -> tuple[dict[str, Port], Names, Names]:
     """Ports, labels and units of the columns ``command_m`` and ``command_g``."""
     motors = tuple(motor.name for motor in model.motors)
-    joints, units = zip(*((c.name, c.unit) for c in (model.coordinates[i] for i in model.i_g)), strict=True)
+    joints, units = zip(
+        *((c.name, c.unit) for c in (model.coordinates[i] for i in model.i_g)), strict=True
+    )
     unit = units[0] if len(set(units)) == 1 else "rad or m"
     ports = {
         "command_m": Port("command_m", (len(motors),), "rad", "commanded positions, motor side"),

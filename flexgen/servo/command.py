@@ -36,7 +36,8 @@ from flexgen.type_checks import checked_types
 
 PERIOD_S = 4e-3
 LONGEST_S = 0.1  # period of an interface, at most
-SETTLED, LONGEST_AFTER_S = 1e-6, 30.0  # of the reference after the motion, relative; time after it, at most
+# of the reference after the motion, relative; time after it, at most
+SETTLED, LONGEST_AFTER_S = 1e-6, 30.0
 REACHED = 1.0 - 1e-4  # of a limit
 AT_REST = 1e-9  # rad: the first position that is this far from rest begins the table
 
@@ -114,7 +115,9 @@ def command_positions(
     edges = period * np.arange(np.ceil(first - 1e-9), np.floor(last + 1e-9) + 1)
     B = basis(reference.time, edges, interpolation)
     limits = _limit(case.model, "speed", speed), _limit(case.model, "acceleration", acceleration)
-    samples, active = _fit(B, r, period, limits, [case.model.coordinates[i].name for i in case.model.i_g])
+    samples, active = _fit(
+        B, r, period, limits, [case.model.coordinates[i].name for i in case.model.i_g]
+    )
     tell("simulating servo and robot")
     run = _simulate(case, own, found, B @ samples, "position commands")
     trajectory = case.solution.trajectory
@@ -122,9 +125,22 @@ def command_positions(
     today = _simulate(case, own, found, B @ planned, "planned motor angles")
     kept = _cut_rest(samples)
     shown = samples[kept] + holding_offset(found, reference.held[0]) @ joints
-    names, units = zip(*((c.name, c.unit) for c in (case.model.coordinates[i] for i in case.model.i_g)), strict=True)
+    names, units = zip(
+        *((c.name, c.unit) for c in (case.model.coordinates[i] for i in case.model.i_g)),
+        strict=True,
+    )
     return PositionCommands(
-        edges[kept], shown @ case.model.eta.T, shown, names, units, period, interpolation, own, run, today, active
+        edges[kept],
+        shown @ case.model.eta.T,
+        shown,
+        names,
+        units,
+        period,
+        interpolation,
+        own,
+        run,
+        today,
+        active,
     )
 
 
@@ -157,7 +173,9 @@ def _limit(model: RobotModel, name: str, given: Any) -> np.ndarray | None:
         return None
     bound = np.asarray(given, float)
     if bound.shape != (model.n_g,) or not (np.isfinite(bound).all() and (bound > 0.0).all()):
-        raise ArgumentError(f"{name}: given {show_value(given)}, expected {model.n_g} numbers > 0, one for each joint")
+        raise ArgumentError(
+            f"{name}: given {show_value(given)}, expected {model.n_g} numbers > 0, one for each joint"
+        )
     return bound
 
 

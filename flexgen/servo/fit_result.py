@@ -18,7 +18,8 @@ from flexgen.spec.toml_text import toml
 from flexgen.type_checks import checked_result
 
 ENOUGH, LEFT = 0.9, 1.5  # explained, of the lag of the robot; unexplained, over the noise
-REPEATED = 0.4  # of the samples where a command moves: from here on steps of the angles are not like noise
+# of the samples where a command moves: from here on steps of the angles are not like noise
+REPEATED = 0.4
 GAINS = ("position_gain", "speed_gain", "integral_gain")
 
 
@@ -85,7 +86,12 @@ class ServoFit(Result):
 
     def __str__(self) -> str:
         """The figures as lines."""
-        return "\n".join([f"{self.model}: {self.sentence()}", *(f"  {name}: {text}" for name, text in self._rows())])
+        return "\n".join(
+            [
+                f"{self.model}: {self.sentence()}",
+                *(f"  {name}: {text}" for name, text in self._rows()),
+            ]
+        )
 
     @property
     def left(self) -> float:
@@ -100,14 +106,21 @@ class ServoFit(Result):
     @property
     def repeated(self) -> float:
         """Part of the samples with a command that moves in which the measured angle repeats, of the worst joint."""
-        moves, same = np.diff(self.record.command, axis=0) != 0.0, np.diff(self.record.angle, axis=0) == 0.0
+        moves, same = (
+            np.diff(self.record.command, axis=0) != 0.0,
+            np.diff(self.record.angle, axis=0) == 0.0,
+        )
         return float(((moves & same).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)).max())
 
     @property
     def problem(self) -> str:
         """Why the servo cannot be used: it explains too little, or the search did not end."""
         if self.explained >= ENOUGH:
-            return "" if self.converged else "the search did not end; begin with gains nearer to those of the robot"
+            return (
+                ""
+                if self.converged
+                else "the search did not end; begin with gains nearer to those of the robot"
+            )
         return (
             f"the servo explains {100 * self.explained:.0f} % of the lag of the robot, expected {100 * ENOUGH:.0f} %: "
             "another structure, interpolation, sample time or delay, or another model"
@@ -118,7 +131,9 @@ class ServoFit(Result):
         more = f"; {self.left:.2g} times the noise is left: other torque filters, structure, delay or model"
         found = f"servo identified, {100 * self.explained:.4g} % of the lag of the robot explained"
         coarse = f"; angles repeat in {100 * self.repeated:.0f} % of the samples: finer angles, or a faster motion"
-        return self.problem or found + more * (not self.is_explained) + coarse * (self.repeated > REPEATED)
+        return self.problem or found + more * (not self.is_explained) + coarse * (
+            self.repeated > REPEATED
+        )
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures in SI units, for tables."""
@@ -128,16 +143,25 @@ class ServoFit(Result):
             return f"{value} +- {sd}" if self.is_explained else value
 
         for word, unit, sd in zip(GAINS, ("1/s", "N m s/rad", "1/s"), self.gain_sd, strict=True):
-            for name, value, own in zip(self.motors, np.asarray(getattr(servo.feedback, word)), sd, strict=True):
+            for name, value, own in zip(
+                self.motors, np.asarray(getattr(servo.feedback, word)), sd, strict=True
+            ):
                 label = f"{word.replace('_', ' ')} of {name}"
-                rows.append(Figure(label, with_sd(f"{value:.5g}", f"{100 * own:.2g} %"), unit, f"{word}_{name}"))
+                rows.append(
+                    Figure(
+                        label, with_sd(f"{value:.5g}", f"{100 * own:.2g} %"), unit, f"{word}_{name}"
+                    )
+                )
         common = (servo.speed_feedforward, servo.reference_filter_s, self.latency_s)
         for (name, sd), value in zip(self.common_sd.items(), common, strict=True):
             unit = "s" if name.endswith("_s") else ""
             text = with_sd(f"{value:.4g}", f"{sd:.2g}")
             rows.append(Figure(name.removesuffix("_s").replace("_", " "), text, unit, name))
         worst = float(self.unexplained.max())
-        return (*rows, Figure("unexplained, root mean square, motor side", worst, "rad", "unexplained"))
+        return (
+            *rows,
+            Figure("unexplained, root mean square, motor side", worst, "rad", "unexplained"),
+        )
 
     def _rows(self) -> list[tuple[str, str]]:
         return figure_rows(self.figures())
@@ -170,12 +194,19 @@ class ServoFit(Result):
         servo = self.servo
         values = {name: np.asarray(getattr(servo.feedback, name)).tolist() for name in GAINS}
         values |= {
-            name: getattr(servo, name) for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
+            name: getattr(servo, name)
+            for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
         }
-        description = f"servo of {self.model}, identified from {Path(self.record.source).name or 'a record'}"
+        description = (
+            f"servo of {self.model}, identified from {Path(self.record.source).name or 'a record'}"
+        )
         lines = [f"description = {toml(description)}", 'type = "cascade"']
         lines += [f"{name} = {toml(value)}" for name, value in values.items()]
         for each in getattr(servo.feedback, "filters", ()):
             kind = {"LowPass": "low_pass", "Notch": "notch"}[type(each).__name__]
-            lines += ["", f"[[{kind}]]", *(f"{name} = {toml(value)}" for name, value in vars(each).items())]
+            lines += [
+                "",
+                f"[[{kind}]]",
+                *(f"{name} = {toml(value)}" for name, value in vars(each).items()),
+            ]
         return write_text(Path(path), "\n".join(lines) + "\n")

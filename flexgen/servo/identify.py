@@ -37,19 +37,23 @@ from flexgen.servo.samples import Interpolation, basis
 from flexgen.servo.servo import Servo, filter_reference, servo_of
 from flexgen.type_checks import checked_types
 
-STILL_S, STILL = 0.05, 1e-3  # the command rests for so long at the begin, up to this part of its range
+# the command rests for so long at the begin, up to this part of its range
+STILL_S, STILL = 0.05, 1e-3
 STILL_PERIODS = 12.5  # of a quicker interface, instead
-STEPS, CLOSE, WEIGHT = 40, 1e-5, 1e-4  # of Levenberg and Marquardt; the last one, relative; first weight
+# of Levenberg and Marquardt; the last one, relative; first weight
+STEPS, CLOSE, WEIGHT = 40, 1e-5, 1e-4
 LOWER = 1.5, 2.5  # factors of the gains where searches begin again
 SMALL = 1e-4  # of the lag: less is not seen as noise
 FARTHEST = 5.0  # largest motion of a joint, in motions of its command
 LONGEST_STEP = 0.7  # of the logarithm of a gain
 COMMON = ("speed_feedforward", "reference_filter_s", "latency_s")
-MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-5}  # differences for derivatives
+# differences for derivatives
+MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-5}
 LOG_MOVED = 1e-3
 LARGEST = {"speed_feedforward": 2.0, "reference_filter_s": 0.19, "latency_s": 0.2}  # least: zero
 FIRST_FILTER = 4  # sample times
-BLOCK, BLOCKS = 6.0, 20  # over the least position gain: residuals depend on each other within it; blocks at least
+# over the least position gain: residuals depend on each other within it; blocks at least
+BLOCK, BLOCKS = 6.0, 20
 POSES = 20  # of the record, where eigenvalues are computed
 
 
@@ -113,12 +117,16 @@ def identify_servo(
     return best
 
 
-def _search(fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, tell: Callable[[str], None]) -> ServoFit:
+def _search(
+    fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, tell: Callable[[str], None]
+) -> ServoFit:
     """Levenberg and Marquardt from parameters p with residuals e and their Jacobian."""
     weight, ended = WEIGHT, False
     for step in range(STEPS):
         check_time("identify_servo")
-        tell(f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles unexplained")
+        tell(
+            f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles unexplained"
+        )
         tried = fit.within(p + _change(fit, p, e, J, weight))
         found = fit.run(tried)
         if found is not None and (found[0] ** 2).sum() < (e**2).sum():
@@ -140,14 +148,19 @@ def _change(fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, weight: floa
     for _ in range(len(COMMON) + 1):
         part, rest = np.flatnonzero(free), np.flatnonzero(~free)
         known = g[part] + A[np.ix_(part, rest)] @ (scale * change)[rest]
-        change[part] = -np.linalg.solve(A[np.ix_(part, part)] + weight * np.eye(len(part)), known) / scale[part]
+        change[part] = (
+            -np.linalg.solve(A[np.ix_(part, part)] + weight * np.eye(len(part)), known)
+            / scale[part]
+        )
         inside = fit.within(p + change) - p
         leaving = free & (np.abs(inside - change) > 1e-12)
         if not leaving.any():
             break
         change[leaving] = inside[leaving]
         free &= ~leaving
-    return np.asarray(change * min(1.0, LONGEST_STEP / max(np.abs(change[: fit.gains]).max(), 1e-300)))
+    return np.asarray(
+        change * min(1.0, LONGEST_STEP / max(np.abs(change[: fit.gains]).max(), 1e-300))
+    )
 
 
 def _check_record(record: ServoRecord, robot: RobotModel) -> None:
@@ -159,14 +172,20 @@ def _check_record(record: ServoRecord, robot: RobotModel) -> None:
     rest = min(STILL_S, STILL_PERIODS * record.period)
     size, count = np.ptp(record.command, axis=0), max(int(np.ceil(rest / record.period)), 2)
     if not (size > 0.0).all():
-        names = [robot.coordinates[i].name for i, x in zip(robot.i_g, size, strict=True) if x == 0.0]
+        names = [
+            robot.coordinates[i].name for i, x in zip(robot.i_g, size, strict=True) if x == 0.0
+        ]
         raise ArgumentError(
             f"{where}: given commands that do not move {', '.join(names)}, expected that every joint moves"
         )
     for i, x, command, angle in zip(robot.i_g, size, record.command.T, record.angle.T, strict=True):
         name, dof = robot.coordinates[i].name, robot.coordinates[i].dof
         low, high = (None, None) if dof is None else (dof.lower, dof.upper)
-        if low is not None and high is not None and max(low - command.max(), command.min() - high) > 0.0:
+        if (
+            low is not None
+            and high is not None
+            and max(low - command.max(), command.min() - high) > 0.0
+        ):
             raise ArgumentError(
                 f"{where}: given commands of {name} from {command.min():.4g} to {command.max():.4g} "
                 f"{robot.coordinates[i].unit}, all beyond its limits, expected some within; the unit of its columns?"
@@ -211,7 +230,12 @@ class _Fit:
 
     @classmethod
     def begin(
-        cls, given: RobotModel, record: ServoRecord, servo: Servo, interpolation: str, tell: Callable[[str], None]
+        cls,
+        given: RobotModel,
+        record: ServoRecord,
+        servo: Servo,
+        interpolation: str,
+        tell: Callable[[str], None],
     ) -> _Fit:
         """The loop at rest where the record begins; elements with a state, of gears and frictions, begin at zero."""
         robot, laws = without_states(given), split_plants(given, plants_of(given, {NOMINAL: {}}))[1]
@@ -238,7 +262,19 @@ class _Fit:
             rate = largest_rate(local, motion, speeds, np.zeros(0), laws[0])
             lanes = 1 + 3 * robot.n_m + len(COMMON)
             gears = hysteretic_robots(local.equations, np.zeros((lanes, 0)), laws * lanes, tell)
-        return cls(robot, record, servo, cascade, interpolation, library, (at, tau), rate, time, measured, gears)
+        return cls(
+            robot,
+            record,
+            servo,
+            cascade,
+            interpolation,
+            library,
+            (at, tau),
+            rate,
+            time,
+            measured,
+            gears,
+        )
 
     @property
     def gains(self) -> int:
@@ -254,7 +290,9 @@ class _Fit:
     def gains_of(self, p: np.ndarray) -> np.ndarray:
         """Gains (..., 3, n_m) of parameters (..., gains and others)."""
         first = self.first_gains
-        return np.where(first > 0.0, np.exp(p[..., : self.gains]).reshape(*p.shape[:-1], *first.shape), 0.0)
+        return np.where(
+            first > 0.0, np.exp(p[..., : self.gains]).reshape(*p.shape[:-1], *first.shape), 0.0
+        )
 
     def start(self, lower: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Parameters, residuals and Jacobian where the search begins, its gains ``lower`` by a factor.
@@ -271,7 +309,9 @@ class _Fit:
             if found is not None:
                 return (self.within(p), *found)
             p[: self.gains] -= np.log(1.5)
-        raise SolverError("identify_servo: the loop is unstable with the gains of the servo and with lower ones")
+        raise SolverError(
+            "identify_servo: the loop is unstable with the gains of the servo and with lower ones"
+        )
 
     def within(self, p: np.ndarray) -> np.ndarray:
         """Parameters within their bounds."""
@@ -283,11 +323,16 @@ class _Fit:
     def servo_of(self, p: np.ndarray) -> Servo:
         """The servo with these parameters."""
         filtered = filter_of_delay(float(p[self.gains + 1]), self.servo.sample_time)
-        return replace(self.servo, speed_feedforward=float(p[self.gains]), reference_filter_s=filtered)
+        return replace(
+            self.servo, speed_feedforward=float(p[self.gains]), reference_filter_s=filtered
+        )
 
     def run(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Residuals (n,) and Jacobian (n, parameters) by simulation of a robot for each parameter; None: unstable."""
-        n_m, moved = self.robot.n_m, np.concatenate([np.full(self.gains, LOG_MOVED), [MOVED[name] for name in COMMON]])
+        n_m, moved = (
+            self.robot.n_m,
+            np.concatenate([np.full(self.gains, LOG_MOVED), [MOVED[name] for name in COMMON]]),
+        )
         sets = np.vstack([p, p + np.diag(moved)])
         lanes, gains = len(sets), self.gains_of(sets).transpose(1, 0, 2)
         rows = np.empty((len(self.time), lanes, 2 * n_m))
@@ -295,13 +340,17 @@ class _Fit:
         known = self.record.command @ self.robot.eta.T
         plain = {late: self._late(late) @ known for late in set(sets[:, -1])}
         for lane, own in enumerate(sets):
-            rows[:, lane, :n_m] = filter_reference(self.servo_of(own), plain[own[-1]], gains[0, lane])
+            rows[:, lane, :n_m] = filter_reference(
+                self.servo_of(own), plain[own[-1]], gains[0, lane]
+            )
         hardware = DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ())
         drives = self.robot, self.library, hardware, self._with_gains(gains)
         at_rest = np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1))
         late, steps = int(self.servo.delay / self.servo.sample_time + 1e-9), None
         for finer in (*FINER, 1):
-            loop = ClosedLoop(*drives, *at_rest, self.rate, delay_samples=late, parameters=self.gears, steps=steps)
+            loop = ClosedLoop(
+                *drives, *at_rest, self.rate, delay_samples=late, parameters=self.gears, steps=steps
+            )
             loop.hold(np.tile(self.rest[1], (lanes, 1)))
             q = loop.run(rows, len(rows), check=False).q_m
             if TOO_LONG not in loop.failures:
@@ -313,7 +362,8 @@ class _Fit:
         j = np.minimum(at.astype(int), len(q) - 2)
         q = q[j] + (at - j)[:, None, None] * (q[j + 1] - q[j])
         apart = q - self.measured[:, None]
-        flat = (apart - apart.mean(axis=0)).transpose(1, 0, 2).reshape(lanes, -1)  # zeros of the angles are not known
+        # zeros of the angles are not known
+        flat = (apart - apart.mean(axis=0)).transpose(1, 0, 2).reshape(lanes, -1)
         return flat[0], ((flat[1:] - flat[0]) / moved[:, None]).T
 
     def _late(self, late: float) -> Any:
@@ -328,7 +378,9 @@ class _Fit:
 
     def _with_gains(self, gains: np.ndarray) -> Cascade:
         """The cascade with position, speed and integral gains (3, n_m), or of each robot (3, robots, n_m)."""
-        return replace(self.cascade, position_gain=gains[0], speed_gain=gains[1], integral_gain=gains[2])
+        return replace(
+            self.cascade, position_gain=gains[0], speed_gain=gains[1], integral_gain=gains[2]
+        )
 
     @property
     def _rest_of_delay(self) -> float:
@@ -358,7 +410,8 @@ class _Fit:
         found = replace(self.servo_of(p), feedback=feedback)
         lag = (self.record.command - self.record.angle) @ self.robot.eta.T
         unexplained = np.sqrt((e.reshape(n, n_m) ** 2).mean(axis=0))
-        quick = np.sqrt((np.diff(e.reshape(n, n_m), 3, axis=0) ** 2).mean(axis=0) / 20)  # of white noise: all of it
+        # of white noise: all of it
+        quick = np.sqrt((np.diff(e.reshape(n, n_m), 3, axis=0) ** 2).mean(axis=0) / 20)
         of_all = max(float(1.0 - (e**2).sum() / max(((lag - lag[0]) ** 2).sum(), 1e-300)), 0.0)
         own, delayed, h = sd[self.gains :], p[self.gains + 1], self.servo.sample_time
         near = [filter_of_delay(max(delayed + x, 0.0), h) for x in (-own[1], 0.0, own[1])]

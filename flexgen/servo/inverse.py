@@ -49,10 +49,14 @@ def invert_servo(servo: Servo, gains: Cascade, torque: np.ndarray, q_m: np.ndarr
         A gain is not positive, a filter does not pass a constant, or the inverse is unstable.
     """
     h, f, a = servo.sample_time, servo.speed_feedforward, servo.part_per_sample
-    given = {name: np.asarray(getattr(gains, name), float) for name in ("position_gain", "speed_gain")}
+    given = {
+        name: np.asarray(getattr(gains, name), float) for name in ("position_gain", "speed_gain")
+    }
     for name, values in given.items():
         if not (values > 0.0).all():
-            raise ArgumentError(f"servo, {name}: given {values}, expected numbers > 0: else it follows no reference")
+            raise ArgumentError(
+                f"servo, {name}: given {values}, expected numbers > 0: else it follows no reference"
+            )
     k_i = np.asarray(gains.integral_gain, float)
     if not (k_i >= 0.0).all():
         zeros = ", ".join(f"{1.0 / (1.0 + k * h):.6g}" for k in k_i if not k >= 0.0)
@@ -73,7 +77,9 @@ def invert_servo(servo: Servo, gains: Cascade, torque: np.ndarray, q_m: np.ndarr
 
 def holding_offset(gains: Cascade, torque: np.ndarray) -> np.ndarray:
     """Reference minus angle (n_m,) [rad] at rest under a torque: zero for a motor with an integral part."""
-    k_p, k_v, k_i = (np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain))
+    k_p, k_v, k_i = (
+        np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain)
+    )
     return np.asarray(np.where(k_i > 0.0, 0.0, torque / (k_p * k_v)))
 
 

@@ -99,30 +99,46 @@ class ServoRecord:
                                 f"{file}:{number}: given {len(cells)} cells, expected {len(head)}, one for each name "
                                 "in the first line; decimals have a point"
                             )
-                        rows.append([_number(file, number, head, cells, k) for k, _ in (clock, *columns)])
+                        rows.append(
+                            [_number(file, number, head, cells, k) for k, _ in (clock, *columns)]
+                        )
                     if len(rows) > MOST:
                         raise ArgumentError(f"{file}: given more than {MOST} rows, expected fewer")
         except (OSError, UnicodeError, csv.Error) as error:
             raise ArgumentError(f"{file}: cannot be read: {error}") from error
-        values = np.array(rows).reshape(len(rows), 1 + len(columns)) * [factor for _, factor in (clock, *columns)]
+        values = np.array(rows).reshape(len(rows), 1 + len(columns)) * [
+            factor for _, factor in (clock, *columns)
+        ]
         n = len(columns) // 2
         return cls(values[:, 0], values[:, 1 : n + 1], values[:, n + 1 :], str(file))
 
 
-def _columns(file: Path, head: list[str], model: RobotModel) -> tuple[tuple[int, float], list[tuple[int, float]]]:
+def _columns(
+    file: Path, head: list[str], model: RobotModel
+) -> tuple[tuple[int, float], list[tuple[int, float]]]:
     """Number and factor of the column of the time, and of those of commands, then angles."""
-    clock = next(((head.index(name), factor) for name, factor in TIMES.items() if name in head), None)
+    clock = next(
+        ((head.index(name), factor) for name, factor in TIMES.items() if name in head), None
+    )
     if clock is None:
         one = len(head) == 1 and (";" in head[0] or "\t" in head[0])
         more = " and commas between the columns, points in the numbers" if one else ""
-        raise ArgumentError(f"{file}:1: given the columns {', '.join(head)[:200]}, expected time_s or time_ms{more}")
+        raise ArgumentError(
+            f"{file}:1: given the columns {', '.join(head)[:200]}, expected time_s or time_ms{more}"
+        )
     out = []
     for middle in ("_command", ""):
         for coordinate in (model.coordinates[i] for i in model.i_g):
-            names = {f"{coordinate.name}{middle}_{unit}": x for unit, x in UNITS[coordinate.unit].items()}
-            found = next(((head.index(name), factor) for name, factor in names.items() if name in head), None)
+            names = {
+                f"{coordinate.name}{middle}_{unit}": x for unit, x in UNITS[coordinate.unit].items()
+            }
+            found = next(
+                ((head.index(name), factor) for name, factor in names.items() if name in head), None
+            )
             if found is None:
-                raise ArgumentError(f"{file}:1: given no column {' or '.join(names)}, expected one for each joint")
+                raise ArgumentError(
+                    f"{file}:1: given no column {' or '.join(names)}, expected one for each joint"
+                )
             out.append(found)
     return clock, out
 
@@ -134,5 +150,7 @@ def _number(file: Path, line: int, head: list[str], cells: list[str], column: in
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ArgumentError(f"{file}:{line}: {head[column]}: given {cells[column][:40]!r}, expected a finite number")
+        raise ArgumentError(
+            f"{file}:{line}: {head[column]}: given {cells[column][:40]!r}, expected a finite number"
+        )
     return value

@@ -153,11 +153,20 @@ class PositionCommands(Result):
         for unit, x, y in zip(("m", "rad"), now, before, strict=True):
             rows += [
                 Figure("tool error with these positions", x, unit, f"tool_error_max_{unit}"),
-                Figure("tool error with the planned motor angles", y, unit, f"today_error_max_{unit}"),
+                Figure(
+                    "tool error with the planned motor angles", y, unit, f"today_error_max_{unit}"
+                ),
             ]
             for other in self.run.runs[1:]:
                 error = self.run.figures(other)[f"error_max_{unit}"]
-                rows += [Figure(f"tool error of {other.name}", error, unit, f"{other.name}.tool_error_max_{unit}")]
+                rows += [
+                    Figure(
+                        f"tool error of {other.name}",
+                        error,
+                        unit,
+                        f"{other.name}.tool_error_max_{unit}",
+                    )
+                ]
         return (
             *rows,
             Figure("positions", len(self.time), "", "samples"),
@@ -169,24 +178,47 @@ class PositionCommands(Result):
 
     def _rows(self) -> list[tuple[str, str]]:
         largest = zip(
-            self.joints, self.units, np.abs(self.speed).max(axis=0), np.abs(self.acceleration).max(axis=0), strict=True
+            self.joints,
+            self.units,
+            np.abs(self.speed).max(axis=0),
+            np.abs(self.acceleration).max(axis=0),
+            strict=True,
         )
         shown = [
-            (f"{name}, commanded up to", f"{format_size(v, u)}/s, {format_size(a, u)}/s^2") for name, u, v, a in largest
+            (f"{name}, commanded up to", f"{format_size(v, u)}/s, {format_size(a, u)}/s^2")
+            for name, u, v, a in largest
         ]
         return [*figure_rows(self.figures()), *shown]
 
     def to_dict(self) -> dict[str, Any]:
         """Positions and figures as JSON types, SI units."""
-        arrays = {name: plain(getattr(self, name)) for name in ("time", "motor", "joint", "joints", "units")}
-        named = {"model": self.run.model.title, "move": self.run.solution.move.name, "status": self.status}
+        arrays = {
+            name: plain(getattr(self, name))
+            for name in ("time", "motor", "joint", "joints", "units")
+        }
+        named = {
+            "model": self.run.model.title,
+            "move": self.run.solution.move.name,
+            "status": self.status,
+        }
         return named | {figure.key: plain(figure.value) for figure in self.figures()} | arrays
 
     def trajectory(self) -> Trajectory:
         """The positions as a trajectory with the channels ``command_m`` (motor side) and ``command_g`` (joints)."""
         ports, labels, units = command_columns(self.run.model)
-        meta = {"model": self.run.model.name, "kind": "position commands", "interpolation": self.interpolation}
-        return Trajectory(self.time, {"command_m": self.motor, "command_g": self.joint}, ports, labels, meta, units)
+        meta = {
+            "model": self.run.model.name,
+            "kind": "position commands",
+            "interpolation": self.interpolation,
+        }
+        return Trajectory(
+            self.time,
+            {"command_m": self.motor, "command_g": self.joint},
+            ports,
+            labels,
+            meta,
+            units,
+        )
 
     def save(self, path: str | Path, unit: Literal["deg", "rad"] = "deg") -> Path:
         """Write the positions to a file: ``.csv``, a plain table for the interface of a robot.
@@ -197,7 +229,12 @@ class PositionCommands(Result):
         """
         if Path(path).suffix != ".csv":
             return super().save(path)
-        names = [f"{name}_{NAMES[own][unit]}" for name, own in zip(self.joints, self.units, strict=True)]
+        names = [
+            f"{name}_{NAMES[own][unit]}" for name, own in zip(self.joints, self.units, strict=True)
+        ]
         values = self.joint / [UNITS[own][unit] for own in self.units]
-        rows = [f"{t:.9g}," + ",".join(f"{x:.12g}" for x in row) for t, row in zip(self.time, values, strict=True)]
+        rows = [
+            f"{t:.9g}," + ",".join(f"{x:.12g}" for x in row)
+            for t, row in zip(self.time, values, strict=True)
+        ]
         return write_text(Path(path), "\n".join([",".join(["time_s", *names]), *rows]) + "\n")

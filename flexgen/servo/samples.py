@@ -53,7 +53,9 @@ def basis(time: np.ndarray, edges: np.ndarray, interpolation: str) -> csc_matrix
     }[interpolation]
     rows = np.tile(np.arange(len(time)), len(weights))
     columns = np.concatenate([np.clip(j + step, 0, last) for step, _ in weights])
-    return csc_matrix((np.concatenate([w for _, w in weights]), (rows, columns)), (len(time), len(edges)))
+    return csc_matrix(
+        (np.concatenate([w for _, w in weights]), (rows, columns)), (len(time), len(edges))
+    )
 
 
 def fit_samples(B: csc_matrix, r: np.ndarray) -> np.ndarray:
@@ -72,17 +74,25 @@ def fit_within(
         No samples keep the bounds.
     """
     k, kept = B.shape[1], [(n, bound) for n, bound in enumerate(limits, 1) if bound is not None]
-    steps = {n: diags_array(_DIFFERENCES[n], offsets=range(n + 1), shape=(k - n, k)) for n, _ in kept}
+    steps = {
+        n: diags_array(_DIFFERENCES[n], offsets=range(n + 1), shape=(k - n, k)) for n, _ in kept
+    }
     A, H = (ca.DM(csc_matrix(x)) for x in (vstack([steps[n] for n, _ in kept]), B.T @ B))
     solver = ca.conic("samples", "nlpsol", {"h": H.sparsity(), "a": A.sparsity()}, QP)
     out = np.empty((k, r.shape[1]))
     for j, own in enumerate((r - r[0]).T):
         scale = max(float(np.abs(own).max()), 1e-12)
-        most = np.concatenate([np.full(k - n, (1 - SLACK) * bound[j] * period**n / scale) for n, bound in kept])
+        most = np.concatenate(
+            [np.full(k - n, (1 - SLACK) * bound[j] * period**n / scale) for n, bound in kept]
+        )
         rows = ca.mtimes(ca.diag(ca.DM(1.0 / most)), A)
         found = solver(h=H, g=-(B.T @ (own / scale)), a=rows, lba=-1.0, uba=1.0)
         if not solver.stats()["success"]:
-            words = " and ".join(f"{('speed', 'acceleration')[n - 1]} {bound[j]:.4g}" for n, bound in kept)
-            raise SolverError(f"limits: no samples of joint {j + 1} keep {words} (SI units, joint side); increase them")
+            words = " and ".join(
+                f"{('speed', 'acceleration')[n - 1]} {bound[j]:.4g}" for n, bound in kept
+            )
+            raise SolverError(
+                f"limits: no samples of joint {j + 1} keep {words} (SI units, joint side); increase them"
+            )
         out[:, j] = scale * np.asarray(found["x"]).ravel()
     return out + r[0]

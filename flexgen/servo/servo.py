@@ -15,7 +15,15 @@ from flexgen.loop.controller_files import CONTROLLER
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
 from flexgen.model.elements import RobotModel
-from flexgen.position_servo.keys import FREQUENCIES, GAINS, MOST_FEEDFORWARD, OWN_KEYS, SAMPLE_S, SLOWEST, ServoTable
+from flexgen.position_servo.keys import (
+    FREQUENCIES,
+    GAINS,
+    MOST_FEEDFORWARD,
+    OWN_KEYS,
+    SAMPLE_S,
+    SLOWEST,
+    ServoTable,
+)
 from flexgen.spec.arguments import is_number
 from flexgen.spec.keys import Context, Format, Kinds, read
 from flexgen.spec.tables import file_bytes, file_table
@@ -71,7 +79,9 @@ class Servo:
         for name, (low, high) in limits.items():
             value = getattr(self, name)
             if not (is_number(value) and low <= value <= high):
-                raise ArgumentError(f"servo, {name}: given {show_value(value)}, expected {low:g} to {high:g}")
+                raise ArgumentError(
+                    f"servo, {name}: given {show_value(value)}, expected {low:g} to {high:g}"
+                )
 
     @classmethod
     def read(cls, path: str | Path) -> Servo:
@@ -123,7 +133,11 @@ def _servo_of_table(table: ServoTable) -> Servo:
     """The servo of a model file."""
     hz: dict[str, Any] = {name: getattr(table, name) for name in FREQUENCIES}
     gains: dict[str, Any] = {name: np.array(getattr(table, name)) for name in GAINS}
-    feedback = PPI(**hz, filters=table.filters) if table.type == "ppi" else Cascade(**gains, filters=table.filters)
+    feedback = (
+        PPI(**hz, filters=table.filters)
+        if table.type == "ppi"
+        else Cascade(**gains, filters=table.filters)
+    )
     return Servo(feedback, **{key.name: getattr(table, key.name) for key in OWN_KEYS})
 
 

@@ -75,7 +75,9 @@ def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> 
     try:
         if find_compiler() is None:
             return None
-        path = casadi_module(rate, None if progress is None else lambda line: progress(f"simulation: {line}"))
+        path = casadi_module(
+            rate, None if progress is None else lambda line: progress(f"simulation: {line}")
+        )
         library, function = load_module(path), external("rate", path)
     except BuildError:  # the results without C are the same
         return None
@@ -134,7 +136,9 @@ class CompiledDop853:
             "E5": DOP853.E5,
             "dense": DOP853.D,
             "rows": np.zeros((0, 0)) if feedback is None else feedback.rows,
-            "gains": [] if feedback is None else [feedback.position_gain, feedback.speed_gain, feedback.integral_gain],
+            "gains": []
+            if feedback is None
+            else [feedback.position_gain, feedback.speed_gain, feedback.integral_gain],
         }
         self._arrays = {name: np.ascontiguousarray(x, float) for name, x in arrays.items()}
         self._instants = np.ascontiguousarray(t[1:], float)

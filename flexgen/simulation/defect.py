@@ -20,7 +20,8 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Linearized, Motion
 
 PROJECTIONS = 100  # at most
-TENFOLD = 2.3  # logarithm of the growth over the movement from which on a direction counts as one that grows
+# logarithm of the growth over the movement from which on a direction counts as one that grows
+TENFOLD = 2.3
 
 
 @np.errstate(over="ignore", invalid="ignore")  # where directions grow, the defect may be infinite
@@ -58,7 +59,8 @@ def propagate_residual(
             error = error - _growing_part(along.A[k], slowest) @ error
     found, units = np.array(out), np.array(_units(equations))
     in_m, in_rad = (
-        float(np.linalg.norm(found[:, units == u], axis=1).max()) if (units == u).any() else None for u in ("m", "rad")
+        float(np.linalg.norm(found[:, units == u], axis=1).max()) if (units == u).any() else None
+        for u in ("m", "rad")
     )
     return in_m, in_rad
 

@@ -52,7 +52,10 @@ class Motion:
 
 def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
     """The motion of a trajectory; None without speeds or accelerations."""
-    names = {"a": tuple(c.name for c in robot.coordinates), "m": tuple(m.name for m in robot.motors)}
+    names = {
+        "a": tuple(c.name for c in robot.coordinates),
+        "m": tuple(m.name for m in robot.motors),
+    }
     found = {"q_a": given["q_a"], "q_m": given["q_m"], "tau_m": given["tau_m"]}
     for name in ("v_a", "a_a", "v_m", "a_m"):
         labels = names[name[-1]]
@@ -91,9 +94,19 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     last = _last_moving(motion.v_a)
     count = int(np.clip((t[last] - t[0]) / STEP, FEWEST, MOST))
     at = np.unique(np.searchsorted(t, np.linspace(t[0], t[last], count + 1)).clip(0, last))
-    arguments = (motion.q_a, motion.v_a, motion.a_a, motion.q_m, motion.v_m, motion.a_m, motion.tau_m)
+    arguments = (
+        motion.q_a,
+        motion.v_a,
+        motion.a_a,
+        motion.q_m,
+        motion.v_m,
+        motion.a_m,
+        motion.tau_m,
+    )
     n = model.dof
-    M, D, K, _ = second_order_matrices(*evaluate(equations.function("residual_jacobians"), *(x[at] for x in arguments)))
+    M, D, K, _ = second_order_matrices(
+        *evaluate(equations.function("residual_jacobians"), *(x[at] for x in arguments))
+    )
     check_inertia(model, M)
     side = np.ones(n)
     side[model.n_a :] = np.abs(model.eta).max(axis=1)[list(model.i_m)]
@@ -126,11 +139,16 @@ class Growth:
 def growth_along(along: Linearized, held: float = 0.0) -> Growth:
     """The growth along a motion, and with its last torque held for ``held`` [s] after it."""
     steps, n = expm(along.means * along.lengths[:, None, None]), along.A.shape[-1] // 2
-    more = [round(seconds / STEP) for seconds in (held, along.rest + held, along.rest + max(held, AFTER))]
+    more = [
+        round(seconds / STEP)
+        for seconds in (held, along.rest + held, along.rest + max(held, AFTER))
+    ]
     steps = np.concatenate([steps, np.repeat(expm(along.A[-1:] * STEP), more[-1], axis=0)])
     sizes = np.exp(np.minimum(np.maximum.accumulate(_log_growth(steps, n)), 700.0))
     at_rest = more[0] if along.rest > 0.0 else 0
-    movement, whole, later = (max(1.0, float(sizes[len(along.lengths) + k - 1])) for k in (at_rest, *more[1:]))
+    movement, whole, later = (
+        max(1.0, float(sizes[len(along.lengths) + k - 1])) for k in (at_rest, *more[1:])
+    )
     return Growth(movement, whole, later)
 
 

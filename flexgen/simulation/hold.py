@@ -123,7 +123,9 @@ class TorqueCommand:
         """The torque of the motors (k, n_m) at instants (k,) [s]; at an edge that of the interval that begins there."""
         arrivals, values = self.time + self.delay, self.values
         if self.hold == "zoh":
-            return np.asarray(values[(np.searchsorted(arrivals, instants, side="right") - 1).clip(0)])
+            return np.asarray(
+                values[(np.searchsorted(arrivals, instants, side="right") - 1).clip(0)]
+            )
         degree = 1 if self.hold == "linear" else 5
         curve = make_interp_spline(arrivals, values, k=min(degree, len(arrivals) - 1))
         return np.asarray(curve(np.clip(instants, arrivals[0], arrivals[-1])))
@@ -182,10 +184,19 @@ class PolynomialTorque(TorqueCommand):
     def trajectory(self) -> Trajectory:
         """Samples of the polynomials as a trajectory with the channel ``tau_m``; ``meta`` has their degree."""
         share = np.arange(SAMPLES) / SAMPLES
-        time = np.append((self.time[:-1, None] + np.diff(self.time)[:, None] * share).ravel(), self.time[-1])
+        time = np.append(
+            (self.time[:-1, None] + np.diff(self.time)[:, None] * share).ravel(), self.time[-1]
+        )
         port = Port("tau_m", (len(self.labels),), "N m", "motor torques, motor side")
-        meta = {**self.meta, "kind": "torque command", "torque": "limited", POLYNOMIALS: len(self.curve.c) - 1}
-        return Trajectory(time, {"tau_m": self.at(time)}, {"tau_m": port}, {"tau_m": self.labels}, meta)
+        meta = {
+            **self.meta,
+            "kind": "torque command",
+            "torque": "limited",
+            POLYNOMIALS: len(self.curve.c) - 1,
+        }
+        return Trajectory(
+            time, {"tau_m": self.at(time)}, {"tau_m": port}, {"tau_m": self.labels}, meta
+        )
 
 
 def command_in(
@@ -217,7 +228,10 @@ def command_in(
     degree = read_degree(meta)
     if degree is not None:
         curve = interval_polynomials(time, values, degree)
-        ends, own = time[::SAMPLES], {key: meta[key] for key in ("model", "variant", "move") if key in meta}
+        ends, own = (
+            time[::SAMPLES],
+            {key: meta[key] for key in ("model", "variant", "move") if key in meta},
+        )
         step = float(np.diff(ends).mean())
         return PolynomialTorque(ends, values[::SAMPLES], labels, "spline", step, 0.0, own, curve)
     hold = meta.get("hold")

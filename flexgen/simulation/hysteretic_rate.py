@@ -29,12 +29,19 @@ def generalized_force(model: RobotModel, z: ca.SX, q_m: ca.SX) -> ca.SX:
 
 def friction_changes(equations: Equations, z: ca.SX) -> ca.SX:
     """Changes of the friction torques (n_m,) [N m] by additional gear torques ``z`` (n_g,), part of the load."""
-    model, lag, changes = equations.with_symbols, equations.lagrangian, ca.SX.zeros(equations.model.n_m)
+    model, lag, changes = (
+        equations.with_symbols,
+        equations.lagrangian,
+        ca.SX.zeros(equations.model.n_m),
+    )
     on_motors = ca.mtimes(gear_rates(model, lag.q_m).T, z)
     for j, motor in enumerate(model.motors):
         if isinstance(motor.friction, GearFriction) and motor.friction.loaded:
             loads = lag.tau_gm[j] + on_motors[j], lag.tau_gm[j]
-            more, less = (friction_torque(motor.friction, lag.v_m[j], load, model.temperature) for load in loads)
+            more, less = (
+                friction_torque(motor.friction, lag.v_m[j], load, model.temperature)
+                for load in loads
+            )
             changes[j] = more - less
     return changes
 
@@ -90,7 +97,10 @@ def memory_of(equations: Equations) -> Memory:
     layers, motors, rates, taken = gear_layers(model), motor_bristles(model), [], ca.SX(0)
     z, forces = ca.SX.sym("z", len(slip_torques(model))), ca.SX.zeros(model.dof)
     if any(layer.present.any() for layer in layers):
-        parts, rate = ca.vertsplit(z[: len(layers) * model.n_g], model.n_g), deflection_rates(equations)
+        parts, rate = (
+            ca.vertsplit(z[: len(layers) * model.n_g], model.n_g),
+            deflection_rates(equations),
+        )
         z_g = sum(parts[1:], parts[0])
         braked = friction_changes(equations, z_g)
         forces += generalized_force(model, z_g, lag.q_m) - motor_force(model, braked)
@@ -120,5 +130,7 @@ def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
     lag, (y, dy, _), made = equations.lagrangian, equations.y, memory_of(equations)
     acceleration = equations.acceleration_under(made.forces)
     x = ca.SX.sym("x", 2 * equations.model.dof)
-    outputs = ca.substitute([ca.vertcat(dy, acceleration), made.rates, made.taken], [ca.vertcat(y, dy)], [x])
+    outputs = ca.substitute(
+        [ca.vertcat(dy, acceleration), made.rates, made.taken], [ca.vertcat(y, dy)], [x]
+    )
     return [x, made.z, lag.tau_m, *([] if equations.force is None else [equations.force])], outputs

@@ -27,14 +27,17 @@ from flexgen.errors import SolverError
 from flexgen.simulation.compiled_rate import CompiledDop853, CompiledRate
 from flexgen.simulation.motor_feedback import MotorFeedback
 
-EVALUATIONS = 5_000_000  # a few minutes of the explicit method; a long motion may take LONG each second
+# a few minutes of the explicit method; a long motion may take LONG each second
+EVALUATIONS = 5_000_000
 LONG = 3e5
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
-EACH = 60.0  # for each instant, where the torque has another piece: not stiff below it (a step takes twelve)
+# for each instant, where the torque has another piece: not stiff below it (a step takes twelve)
+EACH = 60.0
 BLOCK = 5_000  # evaluations over which the rate is measured
 RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves for rounding
 EVALUATIONS_STIFF = 400_000  # about a minute of the implicit method
-ADVANCE, PATIENCE = 1e-3, 100_000  # least part of the motion within this number of evaluations of the implicit method
+# least part of the motion within this number of evaluations of the implicit method
+ADVANCE, PATIENCE = 1e-3, 100_000
 EXPLICIT, IMPLICIT = "DOP853", "LSODA"
 
 
@@ -145,7 +148,10 @@ def integrate(
             if solver.nfev - mark[1] > fast * (solver.t - mark[0]):
                 before, method, mark = evaluations, IMPLICIT, (solver.t, 0)
                 tight = {"rtol": max(rtol, RTOL_STIFF), "atol": np.maximum(atol, ATOL_STIFF)}
-                solver = _Scipy(LSODA(loop.rate, solver.t, solver.y.copy(), t[-1], jac=loop.jacobian, **tight), t)
+                solver = _Scipy(
+                    LSODA(loop.rate, solver.t, solver.y.copy(), t[-1], jac=loop.jacobian, **tight),
+                    t,
+                )
             else:
                 mark = (solver.t, solver.nfev)
         elif method == IMPLICIT:
@@ -157,11 +163,15 @@ def integrate(
             )
         if progress is not None and time.perf_counter() - reported > 1.0:
             reported = time.perf_counter()
-            progress(f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {evaluations} evaluations, {method}")
+            progress(
+                f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {evaluations} evaluations, {method}"
+            )
     return Integration(out, before + solver.nfev, method)
 
 
-def _check_advance(solver: CompiledDop853 | _Scipy, mark: tuple[float, int], t: np.ndarray) -> tuple[float, int]:
+def _check_advance(
+    solver: CompiledDop853 | _Scipy, mark: tuple[float, int], t: np.ndarray
+) -> tuple[float, int]:
     """SolverError where the implicit method does not advance; else instant and evaluations of the last check."""
     if solver.nfev - mark[1] < PATIENCE and solver.nfev < EVALUATIONS_STIFF:
         return mark

@@ -42,7 +42,9 @@ class MotorFeedback:
             *self.frequencies.values()
         )
 
-    def torque(self, x: np.ndarray, total: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def torque(
+        self, x: np.ndarray, total: np.ndarray, reference: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Torque of the feedback and ``w``, (n_m,) each.
 
         ``x``: the state, coordinates and speeds first; ``total``: the integral of w; ``reference``: angles and speeds.
@@ -58,7 +60,9 @@ class MotorFeedback:
         return self.speed_gain[:, None] * in_w, in_w
 
 
-def default_feedback(equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray) -> MotorFeedback:
+def default_feedback(
+    equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray
+) -> MotorFeedback:
     """The default feedback of a model, with the inertias and the lowest locked frequency at rest at a pose.
 
     ``q_a`` (n_a,), ``q_m`` (n_m,), ``tau_m`` (n_m,).

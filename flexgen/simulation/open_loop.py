@@ -14,16 +14,22 @@ from flexgen.simulation.residual import midpoint_residual
 from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
 
-UNSTABLE = 100.0  # growth of perturbations from which on the torques are verified with motor feedback
+# growth of perturbations from which on the torques are verified with motor feedback
+UNSTABLE = 100.0
 GROWING = 10.0  # growth from which on a simulation takes a tenth of its tolerance
 RTOL_LEAST = 1e-13  # of that tolerance
 ROUNDING = 1e-12  # rad, m: errors of any simulation that the growth makes larger
 NEGLIGIBLE = 1e-10  # rad, m
-RESOLVED = 10.0  # times the growth of rounding errors: least error in open loop that a simulation determines
+# times the growth of rounding errors: least error in open loop that a simulation determines
+RESOLVED = 10.0
 
 
 def analyze(
-    equations: Equations, data: Trajectory, given: dict[str, np.ndarray], held: float, own_torque: bool
+    equations: Equations,
+    data: Trajectory,
+    given: dict[str, np.ndarray],
+    held: float,
+    own_torque: bool,
 ) -> tuple[Growth | None, dict[str, Any]]:
     """Growth of perturbations along a trajectory, and the attributes of a `Simulation` with it and the defect.
 

@@ -24,7 +24,9 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     between = [x for part in parts for x in _half_way(h, *part)]
     tau = torque_curve(t, motion.tau_m, limited=limited)(middle)
     if motion.force is not None:
-        r_a, r_m = evaluate(equations.pushed.function("residual"), *between, tau, spline(t, motion.force)(middle))
+        r_a, r_m = evaluate(
+            equations.pushed.function("residual"), *between, tau, spline(t, motion.force)(middle)
+        )
     else:
         r_a, r_m = evaluate(equations.function("residual"), *between, tau)
     n = len(middle)
@@ -37,9 +39,13 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
         r_m += more
         if loaded_motors(model):
             q_a, v_a, _, q_m, v_m, _ = between
-            springs = evaluate(equations.function("gear_torque"), q_a, v_a, q_m, v_m)[0].reshape(n, -1)
+            springs = evaluate(equations.function("gear_torque"), q_a, v_a, q_m, v_m)[0].reshape(
+                n, -1
+            )
             carried, law = carried_along(model, q_m, springs), equations.function
-            r_m += friction_along(law, model, v_m, carried + more) - friction_along(law, model, v_m, carried)
+            r_m += friction_along(law, model, v_m, carried + more) - friction_along(
+                law, model, v_m, carried
+            )
     if bristled_motors(model):
         braking = spline(t, _bristles(equations, motion))(middle)
         r_m += braking

@@ -97,7 +97,9 @@ class Simulation(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The figures as JSON types, SI units."""
-        return {figure.key: plain(figure.value) for figure in self.figures()} | {"warnings": list(self.warnings)}
+        return {figure.key: plain(figure.value) for figure in self.figures()} | {
+            "warnings": list(self.warnings)
+        }
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures of the simulation, in SI units: what tables and JSON show."""
@@ -114,7 +116,9 @@ class Simulation(Result):
         )
 
 
-def error_figures(simulation: Simulation | None, what: str = "tool", label: str | None = None) -> tuple[Figure, ...]:
+def error_figures(
+    simulation: Simulation | None, what: str = "tool", label: str | None = None
+) -> tuple[Figure, ...]:
     """Errors of the output, each with its name and the conditions under which it holds.
 
     ``what``: the name of the output; ``label``: of the largest error, where it means something else.
@@ -122,20 +126,40 @@ def error_figures(simulation: Simulation | None, what: str = "tool", label: str 
     run = simulation
     closed = None if run is None or run.feedback is None else run.feedback.title
     alone = None if run is None else run.open_loop
-    label = label or f"{what} error {'open loop' if closed is None else 'with motor feedback'}, largest"
+    label = (
+        label or f"{what} error {'open loop' if closed is None else 'with motor feedback'}, largest"
+    )
     later = f"{what} error until {AFTER:g} s after the end, predicted, largest"
-    without, defect = f"{what} error open loop, largest", "defect of the equations of motion, propagated, largest"
+    without, defect = (
+        f"{what} error open loop, largest",
+        "defect of the equations of motion, propagated, largest",
+    )
     rows: list[tuple[str, str | float | None, str, str]] = [
         (label, None if run is None else run.tool_error_max_m, "m", "tool_error_max_m"),
         (label, None if run is None else run.tool_error_max_rad, "rad", "tool_error_max_rad"),
-        ("until how long after the end", None if run is None else run.held_s or None, "s", "held_s"),
+        (
+            "until how long after the end",
+            None if run is None else run.held_s or None,
+            "s",
+            "held_s",
+        ),
         (later, None if run is None else run.later_error_max_m, "m", "later_error_max_m"),
         (later, None if run is None else run.later_error_max_rad, "rad", "later_error_max_rad"),
         ("motor feedback", closed, "", "motor_feedback"),
-        ("growth of perturbations in open loop until the arm rests", None if run is None else run.growth, "", "growth"),
+        (
+            "growth of perturbations in open loop until the arm rests",
+            None if run is None else run.growth,
+            "",
+            "growth",
+        ),
         ("growth until the end", None if run is None else run.growth_whole, "", "growth_whole"),
         (without, None if alone is None else alone.tool_error_max_m, "m", "open_loop_error_max_m"),
-        (without, None if alone is None else alone.tool_error_max_rad, "rad", "open_loop_error_max_rad"),
+        (
+            without,
+            None if alone is None else alone.tool_error_max_rad,
+            "rad",
+            "open_loop_error_max_rad",
+        ),
         (defect, None if run is None else run.defect_max_m, "m", "defect_max_m"),
         (defect, None if run is None else run.defect_max_rad, "rad", "defect_max_rad"),
     ]
@@ -151,12 +175,23 @@ def error_lines(simulation: Simulation, what: str = "tool") -> list[str]:
     until = f" until {run.held_s:g} s after the end" if run.held_s else ""
     later = both_measured(run.later_error_max_m, run.later_error_max_rad)
     more = f", {later} until {AFTER:g} s" if later else ""
-    growth = "" if run.growth is None else f" (perturbations grow {growth_text(run.growth, run.growth_whole)})"
+    growth = (
+        ""
+        if run.growth is None
+        else f" (perturbations grow {growth_text(run.growth, run.growth_whole)})"
+    )
     if run.feedback is None:
         lines = [f"{what} error open loop up to {errors}{until}{more}{growth}"]
     else:
-        alone, with_feedback = run.open_loop, f"{what} error with motor feedback up to {errors}{until}{more}"
-        found = "not determined" if alone is None else both_measured(alone.tool_error_max_m, alone.tool_error_max_rad)
+        alone, with_feedback = (
+            run.open_loop,
+            f"{what} error with motor feedback up to {errors}{until}{more}",
+        )
+        found = (
+            "not determined"
+            if alone is None
+            else both_measured(alone.tool_error_max_m, alone.tool_error_max_rad)
+        )
         lines = [with_feedback, run.feedback.title, f"{what} error open loop {found}{growth}"]
     defect = both_measured(run.defect_max_m, run.defect_max_rad)
     return [*lines, *([f"defect {defect}"] if defect else [])]
@@ -174,7 +209,10 @@ def error_text(simulation: Simulation, what: str = "tool") -> str:
 
 
 def record_motion(
-    equations: Equations, data: Trajectory, given: dict[str, np.ndarray], motion: tuple[np.ndarray, ...]
+    equations: Equations,
+    data: Trajectory,
+    given: dict[str, np.ndarray],
+    motion: tuple[np.ndarray, ...],
 ) -> tuple[float | None, float | None, Trajectory]:
     """Largest output error [m] and [rad], and the simulated motion as a trajectory."""
     robot = equations.model
@@ -196,7 +234,9 @@ def record_motion(
         error, in_m, in_rad = output_error(equations, given, q_a)
         channels["error"] = error
         units["error"] = output_units(robot)
-        ports["error"] = Port("error", (error.shape[1],), common_unit(units["error"]), "output minus reference")
+        ports["error"] = Port(
+            "error", (error.shape[1],), common_unit(units["error"]), "output minus reference"
+        )
         labels["error"] = output_labels(robot)["y_ref"]
         if in_rad is not None and robot.output.type == "tool_pose":
             channels["turn"] = _turn_error(equations, given, q_a)[:, None]

@@ -21,7 +21,8 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 Input = Callable[[float, float], PPoly]
 
 ATOL, ATOL_SHARE = 1e-12, 0.1  # rad or m, and their rates; of a relative tolerance below 1e-11
-ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
+# J: work and loss are observers, they must not drive the step size below what the motion needs
+ATOL_WORK = 1e-9
 ATOL_SLIP = 1e-10  # of the torque at which a hysteresis slips
 ATOL_INTEGRAL = 1e-9  # rad, motor side: of the integral part of the feedback
 
@@ -93,7 +94,9 @@ def run(
     ends = [0, *corners, len(t) - 1]
     for first, last in pairwise(ends):
         rates = rates_of(equations, function, in_c, given(t[first], t[last]), feedback)
-        found = integrate(rates, states[first].copy(), t[first : last + 1], rtol, tolerances, progress)
+        found = integrate(
+            rates, states[first].copy(), t[first : last + 1], rtol, tolerances, progress
+        )
         states[first + 1 : last + 1] = found.states[1:]
         evaluations += found.evaluations
         integrator = found.method if found.method != EXPLICIT else integrator
@@ -127,14 +130,22 @@ def rates_of(
     def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
         motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
         u = given(instant)
-        tau = u[:n_m] if feedback is None else u[:n_m] + feedback.torque(x, x[own:], u[n_m : 3 * n_m])[0]
+        tau = (
+            u[:n_m]
+            if feedback is None
+            else u[:n_m] + feedback.torque(x, x[own:], u[n_m : 3 * n_m])[0]
+        )
         state = (x[:n_a], x[n : n + n_a], motors, speeds, tau, u[3 * n_m :])
-        linear = equations.function("linearize")  # has a force only where the directions of the tool's motion turn
+        # has a force only where the directions of the tool's motion turn
+        linear = equations.function("linearize")
         A, B = (np.array(each) for each in linear(*state[: linear.n_in()]))
         out = np.zeros((len(x), len(x)))
         out[: 2 * n, : 2 * n] = A
-        if own > 2 * n + 2 or equations.contact is not None:  # torques of hysteresis and bristles, a wall
-            out[:own, :own] = np.array(_jacobian(equations)(x[:own], np.concatenate([tau, u[n_m:]]) if pushed else tau))
+        # torques of hysteresis and bristles, a wall
+        if own > 2 * n + 2 or equations.contact is not None:
+            out[:own, :own] = np.array(
+                _jacobian(equations)(x[:own], np.concatenate([tau, u[n_m:]]) if pushed else tau)
+            )
         if feedback is not None:
             in_torque, in_w = feedback.state_feedback()
             out[: 2 * n, : 2 * n] += B @ in_torque
@@ -149,7 +160,9 @@ _Known = WeakKeyDictionary[Equations, tuple[ca.Function, CompiledRate | None]]
 _known: _Known = WeakKeyDictionary()
 
 
-def _rates(equations: Equations, progress: Callable[[str], None] | None) -> tuple[ca.Function, CompiledRate | None]:
+def _rates(
+    equations: Equations, progress: Callable[[str], None] | None
+) -> tuple[ca.Function, CompiledRate | None]:
     """The rate of a robot as a CasADi function, and in C."""
     if equations not in _known:
         function = _rate(equations)
@@ -187,7 +200,9 @@ def _rate(equations: Equations) -> ca.Function:
         motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
     power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque, *more)
     if remembers:
-        dx, dz, taken = ca.Function("rate", inputs, outputs)(x[: 2 * n], x[2 * n + 2 :], torque, *more)
+        dx, dz, taken = ca.Function("rate", inputs, outputs)(
+            x[: 2 * n], x[2 * n + 2 :], torque, *more
+        )
         rates = ca.vertcat(dx, power[0], power[1] + taken, dz)
     else:
         rates = ca.vertcat(equations.function("state_rate")(x[: 2 * n], torque, *more), *power)
@@ -202,5 +217,7 @@ def _jacobian(equations: Equations) -> ca.Function:
     if equations not in _jacobians:
         rate = _rate(equations)
         x, u = ca.SX.sym("x", rate.size1_in(0)), ca.SX.sym("u", rate.size1_in(1))
-        _jacobians[equations] = ca.Function("jacobian", [x, u], [ca.densify(ca.jacobian(rate(x, u), x))])
+        _jacobians[equations] = ca.Function(
+            "jacobian", [x, u], [ca.densify(ca.jacobian(rate(x, u), x))]
+        )
     return _jacobians[equations]

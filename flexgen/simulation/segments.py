@@ -21,9 +21,15 @@ SOURCE = Path(__file__).with_name("segments.c")
 
 class _Segments(ctypes.Structure):
     _fields_ = [
-        *((name, ctypes.c_int64) for name in ("n", "n_u", "n_p", "n_y", "robots", "samples", "steps")),
+        *(
+            (name, ctypes.c_int64)
+            for name in ("n", "n_u", "n_p", "n_y", "robots", "samples", "steps")
+        ),
         *(("step", ctypes.c_double), ("states", ctypes.c_int64)),
-        *((name, ctypes.c_void_p) for name in ("start", "input", "set", "offset", "parameters", "output", "memory")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("start", "input", "set", "offset", "parameters", "output", "memory")
+        ),
     ]
 
 
@@ -41,7 +47,9 @@ class Segments:
         Of the integration from one sample to the next.
     """
 
-    def __init__(self, rate: ca.Function, output: ca.Function | np.ndarray, sample_s: float, steps: int) -> None:
+    def __init__(
+        self, rate: ca.Function, output: ca.Function | np.ndarray, sample_s: float, steps: int
+    ) -> None:
         self.n, self.n_u, self.n_p = (rate.size1_in(k) for k in range(3))
         shown = output if isinstance(output, ca.Function) else _rows(rate, output)
         self.n_y = shown.size1_out(0)
@@ -89,7 +97,11 @@ class Segments:
         SolverError
             A state is not finite.
         """
-        robots, samples, n_y = len(start), inputs.shape[1] // self.steps, self.n if states else self.n_y
+        robots, samples, n_y = (
+            len(start),
+            inputs.shape[1] // self.steps,
+            self.n if states else self.n_y,
+        )
         arrays = [np.ascontiguousarray(x, float) for x in (start, inputs, offset, parameters)]
         arrays.insert(2, np.ascontiguousarray(sets, np.int64))
         found = np.empty((robots, samples + 1, n_y))
@@ -108,7 +120,9 @@ class Segments:
         with ThreadPoolExecutor(threads, "segments") as pool:  # of calls of C, which share nothing
             failed = sum(pool.map(run, cuts[:-1], cuts[1:]))
         if failed:
-            raise SolverError("segments: the simulated motion is not finite: take start values nearer to the truth")
+            raise SolverError(
+                "segments: the simulated motion is not finite: take start values nearer to the truth"
+            )
         return found
 
 

@@ -48,16 +48,19 @@ if TYPE_CHECKING:
     from flexgen.simulation.growth import Growth
 
 FORCE = 6  # entries of a force and a torque on the tool
-HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
-HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
+# of the meta data: how long the verification of a solution holds its last torque
+HELD_KEY = "held_s"
+# s: of a torque that is held after the end, and the step at which errors are taken
+HELD_MAX, HELD_STEP = 60.0, 2e-3
 RTOL = 1e-11  # a tenth of a nanometer over a meter of reach and a thousand steps
-FAR = 1e6  # of its span: a trajectory that begins later is one with a clock such as seconds since 1970
+# of its span: a trajectory that begins later is one with a clock such as seconds since 1970
+FAR = 1e6
 FALLEN = 0.1  # rad, m: a robot falls where rounding errors grow to this size
 AUTO, NONE, PPI = "auto", "none", "ppi"
 FEEDBACKS = (AUTO, NONE, PPI)
 
 
-def _read_channels(
+def _read_channels(  # noqa: C901
     model: RobotModel, data: Trajectory, moving: bool = False
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The channels that a simulation needs, with columns in the order of the model, and warnings."""
@@ -84,7 +87,9 @@ def _read_channels(
                     f"trajectory channel {name}: given in {unit}, expected in {units[label]} (column {label})"
                 )
         if not np.isfinite(data[name]).all():
-            raise ArgumentError(f"trajectory channel {name}: given NaN or infinity, expected finite numbers")
+            raise ArgumentError(
+                f"trajectory channel {name}: given NaN or infinity, expected finite numbers"
+            )
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     for name, labels in output_labels(model).items():
         if name not in data.channels:
@@ -101,11 +106,15 @@ def _read_channels(
         found["force"] = read_force(data)
     warnings = []
     if not moving and "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
-        warnings.append("the trajectory does not start at rest; the simulation does: expect an error at the start")
+        warnings.append(
+            "the trajectory does not start at rest; the simulation does: expect an error at the start"
+        )
     for key, own in (("model", model.name), ("variant", model.variant)):
         other = data.meta.get(key, own)
         if other != own:
-            warnings.append(f"the trajectory was written for {key} {other or 'none'!r}, this is {own or 'none'!r}")
+            warnings.append(
+                f"the trajectory was written for {key} {other or 'none'!r}, this is {own or 'none'!r}"
+            )
     return found, tuple(warnings)
 
 
@@ -176,20 +185,43 @@ def simulate(
     equations = model if isinstance(model, Equations) else derive(model)
     data = _check_choices(trajectory, rtol, held, feedback)
     if abs(data.time[0]) > FAR * np.ptp(data.time):
-        options = {"rtol": rtol, "held": held, "feedback": feedback, "progress": progress, "wall": wall}
-        return _simulate_late(equations, data, command, options | {"start": start, "moving": moving})
+        options = {
+            "rtol": rtol,
+            "held": held,
+            "feedback": feedback,
+            "progress": progress,
+            "wall": wall,
+        }
+        return _simulate_late(
+            equations, data, command, options | {"start": start, "moving": moving}
+        )
     given, warnings = _read_channels(equations.model, data, moving)
     given |= {} if wall is None else _before_wall(wall, equations, given)
-    task = _task(equations, data, given, start, moving, float(data.meta.get(HELD_KEY, 0.0)) if held is None else held)
-    task = _push(replace(task, command=_command(equations.model, data, given["tau_m"], command), wall=wall))
+    task = _task(
+        equations,
+        data,
+        given,
+        start,
+        moving,
+        float(data.meta.get(HELD_KEY, 0.0)) if held is None else held,
+    )
+    task = _push(
+        replace(task, command=_command(equations.model, data, given["tau_m"], command), wall=wall)
+    )
     tell = progress if callable(progress) else None
     growth, known = None, dict[str, Any]()
     if feedback == AUTO:
-        growth, known = open_loop.analyze(equations, data, task.given, task.held, task.command is None)
+        growth, known = open_loop.analyze(
+            equations, data, task.given, task.held, task.command is None
+        )
     known = {"warnings": warnings} | (known if wall is None else {})
-    if feedback == NONE or (feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)):
+    if feedback == NONE or (
+        feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)
+    ):
         return replace(
-            open_loop.without_lost_errors(_simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth),
+            open_loop.without_lost_errors(
+                _simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth
+            ),
             **known,
         )
     chosen = default_feedback(equations, given["q_a"][0], given["q_m"][0], given["tau_m"][0])
@@ -228,7 +260,11 @@ def _simulate_open_loop(
     except SolverError:
         return None
     found = max(alone.tool_error_max_m or 0.0, alone.tool_error_max_rad or 0.0)
-    return open_loop.without_lost_errors(alone, growth) if found >= open_loop.RESOLVED * floor else None
+    return (
+        open_loop.without_lost_errors(alone, growth)
+        if found >= open_loop.RESOLVED * floor
+        else None
+    )
 
 
 @dataclass(frozen=True)
@@ -254,10 +290,14 @@ def _task(
     held: float,
 ) -> _Task:
     t, longer = _with_held_end(data.time, given, held)
-    return _Task(equations, data, t, longer, start_state(equations.model, data, given, start, moving), held)
+    return _Task(
+        equations, data, t, longer, start_state(equations.model, data, given, start, moving), held
+    )
 
 
-def _before_wall(wall: Wall, equations: Equations, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _before_wall(
+    wall: Wall, equations: Equations, given: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """The force on the tool without the wall; ArgumentError where the tool begins behind it."""
     from flexgen.environment.wall import check_start
 
@@ -291,7 +331,9 @@ def _simulate_once(
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = (part[:, list(robot.i_g)] @ robot.eta.T for part in (q_a, v_a))
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
-    in_m, in_rad, recorded = record_motion(equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
+    in_m, in_rad, recorded = record_motion(
+        equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m)
+    )
     if task.wall is not None:
         from flexgen.environment.wall import add_contact
 
@@ -301,7 +343,9 @@ def _simulate_once(
         trajectory=recorded,
         tool_error_max_m=in_m,
         tool_error_max_rad=in_rad,
-        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), *states[:, 2 * n : 2 * n + 2].T),
+        energy_error=_energy_error(
+            equations, (q_a, v_a, q_m, v_m), *states[:, 2 * n : 2 * n + 2].T
+        ),
         torque_max_Nm=float(np.abs(applied).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
         evaluations=found.evaluations,
@@ -338,7 +382,9 @@ def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: s
             f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path of a file"
         )
     if not 1e-14 < rtol < 1e-2:
-        raise ArgumentError(f"rtol: given {rtol}, expected a relative tolerance between 1e-14 and 1e-2")
+        raise ArgumentError(
+            f"rtol: given {rtol}, expected a relative tolerance between 1e-14 and 1e-2"
+        )
     if held is not None and not 0.0 <= held <= HELD_MAX:
         raise ArgumentError(f"held: given {held}, expected a time between 0 and {HELD_MAX:g} s")
     if feedback not in FEEDBACKS:
@@ -350,13 +396,19 @@ def _command(
     robot: RobotModel, data: Trajectory, tau_m: np.ndarray, command: TorqueCommand | None
 ) -> TorqueCommand | None:
     """Torques that a controller sends: as given, or as the trajectory states; None: the samples."""
-    sent = command or command_in(data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta)
+    sent = command or command_in(
+        data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta
+    )
     return None if sent is None else _check_command(robot, sent)
 
 
 def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
     """The motor torques, with feedback also the motors' reference angles and speeds, at an instant."""
-    torque = _hold_curve(task.data, task.given["tau_m"]) if task.command is None else task.command.between
+    torque = (
+        _hold_curve(task.data, task.given["tau_m"])
+        if task.command is None
+        else task.command.between
+    )
     if feedback is None and "force" not in task.given:
         return torque
     q_m = task.given["q_m"]
@@ -369,8 +421,14 @@ def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
         from flexgen.paths.tool_force import interpolate_force
 
         more = [interpolate_force(task.data.time, task.given["force"])]
-        angles, speeds = (constant(0.0 * samples[0], *angles.x[[0, -1]]),) * 2 if feedback is None else (angles, speeds)
-    return lambda begin, finish: side_by_side([torque(begin, finish), angles, speeds, *more], begin, finish)
+        angles, speeds = (
+            (constant(0.0 * samples[0], *angles.x[[0, -1]]),) * 2
+            if feedback is None
+            else (angles, speeds)
+        )
+    return lambda begin, finish: side_by_side(
+        [torque(begin, finish), angles, speeds, *more], begin, finish
+    )
 
 
 def _check_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
@@ -383,7 +441,9 @@ def _check_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
             f"torques of {', '.join(names)} at two ticks or more"
         )
     if not (np.isfinite(command.values).all() and (np.diff(command.time) > 0).all()):
-        raise ArgumentError("command: given NaN, infinity or ticks that do not increase, expected finite torques")
+        raise ArgumentError(
+            "command: given NaN, infinity or ticks that do not increase, expected finite torques"
+        )
     return command
 
 
@@ -399,7 +459,13 @@ def _with_edges(
     edges = np.where(np.abs(nearest - edges) < SAME * command.sample_time, nearest, edges)
     instants = np.unique(np.concatenate([t, edges]))
     own = np.searchsorted(instants, t)
-    return instants, own, sorted({*(int(own[k]) for k in corners), *(int(k) for k in np.searchsorted(instants, edges))})
+    return (
+        instants,
+        own,
+        sorted(
+            {*(int(own[k]) for k in corners), *(int(k) for k in np.searchsorted(instants, edges))}
+        ),
+    )
 
 
 def _hold_curve(data: Trajectory, torque: np.ndarray) -> Input:
@@ -427,11 +493,15 @@ def _growth_warning(growth: Growth, feedback: MotorFeedback) -> str:
     return f"the open loop is unstable: perturbations grow {grow}; the tool error is that with {feedback.title}"
 
 
-def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np.ndarray, loss: np.ndarray) -> float:
+def _energy_error(
+    equations: Equations, motion: tuple[np.ndarray, ...], work: np.ndarray, loss: np.ndarray
+) -> float:
     """Largest violation of the energy balance, relative to the energy exchanged."""
     energies = [x.reshape(len(work)) for x in evaluate(equations.function("energy"), *motion)]
     total = energies[0] + energies[1]
     imbalance = total - total[0] - work + loss
     # rounding of constant energies is not a violation
-    exchanged = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(work), 1e-6 * np.abs(total).max(), 1e-9)
+    exchanged = max(
+        np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(work), 1e-6 * np.abs(total).max(), 1e-9
+    )
     return float(np.abs(imbalance).max() / exchanged)

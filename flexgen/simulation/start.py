@@ -11,7 +11,11 @@ from flexgen.trajectory import Trajectory
 
 
 def start_state(
-    robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray], start: Equilibrium | None, moving: bool
+    robot: RobotModel,
+    data: Trajectory,
+    given: dict[str, np.ndarray],
+    start: Equilibrium | None,
+    moving: bool,
 ) -> np.ndarray:
     """The state (q_a, q_me, v_a, v_me) with which the simulation begins."""
     q_a, q_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
@@ -29,12 +33,16 @@ def _first_speed(robot: RobotModel, data: Trajectory, moving: bool) -> np.ndarra
     ):
         labels = list(wanted)
         if name not in data.channels or not set(labels) <= set(data.labels[name]):
-            raise ArgumentError(f"moving: the trajectory has no channel {name} of {robot.name}, expected its speeds")
+            raise ArgumentError(
+                f"moving: the trajectory has no channel {name} of {robot.name}, expected its speeds"
+            )
         columns = [data.labels[name].index(label) for label in labels]
         for k, label in zip(columns, labels, strict=True):
             unit = data.units[name][k]
             if unit != wanted[label] and " or " not in unit:  # (one unit for all columns: rad or m)
-                raise ArgumentError(f"moving: given {name} in {unit}, expected {wanted[label]} (column {label})")
+                raise ArgumentError(
+                    f"moving: given {name} in {unit}, expected {wanted[label]} (column {label})"
+                )
         parts.append(data[name][0, columns])
     speed = np.concatenate(parts)
     if not np.isfinite(speed).all():

@@ -22,7 +22,9 @@ def is_number(value: Any) -> bool:
 
 def is_whole(value: Any, least: int = 1, most: int = 2**31 - 1) -> bool:
     """Whether a value is a whole number in a range; true and false are not."""
-    return isinstance(value, Integral) and not isinstance(value, bool) and least <= int(value) <= most
+    return (
+        isinstance(value, Integral) and not isinstance(value, bool) and least <= int(value) <= most
+    )
 
 
 def check_positive(name: str, value: Any, what: str = "a number > 0") -> None:

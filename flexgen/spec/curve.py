@@ -23,7 +23,12 @@ def is_torque_speed(points: np.ndarray) -> bool:
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
         return False
     speeds, torques = np.diff(points, axis=0).T
-    if points[0, 0] != 0.0 or points[0, 1] <= 0.0 or points[-1, 1] < 0.0 or not (speeds > 0.0).all():
+    if (
+        points[0, 0] != 0.0
+        or points[0, 1] <= 0.0
+        or points[-1, 1] < 0.0
+        or not (speeds > 0.0).all()
+    ):
         return False
     rates = torques / speeds
     return bool((rates <= 0.0).all() and (np.diff(rates) <= 1e-9 * np.abs(rates).max()).all())
@@ -46,7 +51,9 @@ def checked_curves(name: str, curves: Sequence[Any]) -> tuple[tuple[tuple[float,
     for curve in curves:
         points = points_of(curve)
         if points is None:
-            raise ArgumentError(f"{name}: given {show_value(curve)}, expected {TORQUE_SPEED}; or nothing")
+            raise ArgumentError(
+                f"{name}: given {show_value(curve)}, expected {TORQUE_SPEED}; or nothing"
+            )
         out.append(tuple((float(speed), float(torque)) for speed, torque in points))
     return tuple(out) if any(out) else ()
 

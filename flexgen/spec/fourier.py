@@ -8,7 +8,8 @@ from flexgen.spec.keys import Context, Format, Key, Type, list_of, vector
 from flexgen.spec.tables import Table
 
 HIGHEST, MOST = 1000, 64  # harmonic of a turn; harmonics of a sum
-STEEPEST = 0.5  # rate of a transmission error, motor side: the motor angle behind it is found by a few steps
+# rate of a transmission error, motor side: the motor angle behind it is found by a few steps
+STEEPEST = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,21 @@ def _made(harmonics: tuple[int, ...], cos: tuple[float, ...], sin: tuple[float, 
     return FourierSum(harmonics, cos or none, sin or none)
 
 
-_ORDERS = Type(_read_harmonics, list_of({"type": "integer", "minimum": 1, "maximum": HIGHEST}, range(1, MOST + 1)))
+_ORDERS = Type(
+    _read_harmonics,
+    list_of({"type": "integer", "minimum": 1, "maximum": HIGHEST}, range(1, MOST + 1)),
+)
 
 
 def fourier_sum(unit: str, definition: str) -> Format:
     """The table of a Fourier sum with this unit."""
-    cos = Key("cos", vector(range(1, MOST + 1)), "coefficients of cos(k q), one for each harmonic k", unit, ())
+    cos = Key(
+        "cos",
+        vector(range(1, MOST + 1)),
+        "coefficients of cos(k q), one for each harmonic k",
+        unit,
+        (),
+    )
     sin = replace(cos, name="sin", doc="coefficients of sin(k q)", check=_check_terms)
     orders = Key("harmonics", _ORDERS, "whole numbers k of periods in a turn of the motor angle q")
     doc = "sum of cosines and sines of the harmonics of the motor angle"

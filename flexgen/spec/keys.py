@@ -27,9 +27,11 @@ REQUIRED: Any = type("Required", (), {"__repr__": lambda self: "REQUIRED"})()
 class Context:
     """What a key can depend on, besides its table."""
 
-    file: dict[str, Any] | None = None  # values of the whole file so far; None: the next table is the whole file
+    # values of the whole file so far; None: the next table is the whole file
+    file: dict[str, Any] | None = None
     values: dict[str, Any] = field(default_factory=dict)  # of this table so far
-    names: defaultdict[str, dict[str, Table]] = field(default_factory=lambda: defaultdict(dict))  # taken, by kind
+    # taken, by kind
+    names: defaultdict[str, dict[str, Table]] = field(default_factory=lambda: defaultdict(dict))
     before: Sequence[Any] = ()  # earlier entries of the list of which the table is an entry
     last: bool = True  # whether the table is the last entry of its list
     outer: Table | None = None  # that contains the list
@@ -65,7 +67,8 @@ class Key:
     type: Type
     doc: str = ""  # what it is; [] is replaced by the unit, which else is put at the end
     unit: str = ""
-    default: Any = REQUIRED  # a value, or a function of table and context that gives a value or REQUIRED
+    # a value, or a function of table and context that gives a value or REQUIRED
+    default: Any = REQUIRED
     note: str = ""  # in the message of a wrong value; by default the unit
     check: Check | None = None  # checks the value together with those before it
     attribute: str = ""  # of the object that has the value, where its name is another
@@ -105,7 +108,8 @@ class Format:
     take: Callable[[Any], Mapping[str, Any]] = vars  # the values of an object, by attribute
     before: Check | None = None  # checks the table before its keys are read
     where: bool = False  # whether the object gets the position in the file too
-    either: Mapping[str, Sequence[str]] = field(default_factory=dict)  # one of these keys, with those that go with it
+    # one of these keys, with those that go with it
+    either: Mapping[str, Sequence[str]] = field(default_factory=dict)
     definition: str = ""  # name in the JSON schema of a table that occurs at several places
 
     def __getitem__(self, name: str) -> Key:
@@ -118,11 +122,15 @@ class Format:
 
     def without(self, *names: str) -> Format:
         """The table without some keys, in its place."""
-        return replace(self, keys=tuple(key for key in self.keys if key.name not in names), definition="")
+        return replace(
+            self, keys=tuple(key for key in self.keys if key.name not in names), definition=""
+        )
 
     def typed(self, **types: Type) -> Format:
         """The table with other types of some keys."""
-        keys = (replace(key, type=types[key.name]) if key.name in types else key for key in self.keys)
+        keys = (
+            replace(key, type=types[key.name]) if key.name in types else key for key in self.keys
+        )
         return replace(self, keys=tuple(keys))
 
     def optional(self) -> Format:
@@ -147,7 +155,9 @@ class Kinds:
     @property
     def names(self) -> tuple[str, ...]:
         """The keys of all kinds."""
-        every = names_of(self.shared) + tuple(name for form in self.kinds.values() for name in form.names)
+        every = names_of(self.shared) + tuple(
+            name for form in self.kinds.values() for name in form.names
+        )
         return tuple(dict.fromkeys(("type", *every)))
 
     def kind_of(self, value: Any) -> str:
@@ -188,7 +198,9 @@ def read(table: Table, form: Form, here: Context) -> Any:
         extra["where"] = table.where()
     fields = {key.name: key.field for key in form.keys}
     try:
-        return form.make(**{fields.get(name, name): value for name, value in values.items()}, **extra)
+        return form.make(
+            **{fields.get(name, name): value for name, value in values.items()}, **extra
+        )
     except ArgumentError as error:
         raise ArgumentError(f"{table.file}:{table.line}: {error}") from error
 
@@ -198,15 +210,24 @@ def _kind(table: Table, form: Kinds, here: Context) -> str:
     if form.strict:
         table.only(*form.names)
     _read_keys(table, form.shared, here)
-    kind = form.default if form.default and "type" not in table else table.choice("type", tuple(form.kinds))
+    kind = (
+        form.default
+        if form.default and "type" not in table
+        else table.choice("type", tuple(form.kinds))
+    )
     known = ("type", *names_of(form.shared), *form.kinds[kind].names)
     for name in form.names if form.foreign else ():
         if name in table and name not in known:
             raise table.fail(name, form.foreign.format(name))
     for name in table.entries:
-        if name not in known and f"{name}_rad" not in known and name in form.names:  # (all names take time)
-            owners = " or ".join(f'"{other}"' for other, own in form.kinds.items() if name in own.names)
-            raise table.fail(name, closest(name, known), f'a key of type = {owners}, with type = "{kind}"')
+        # (all names take time)
+        if name not in known and f"{name}_rad" not in known and name in form.names:
+            owners = " or ".join(
+                f'"{other}"' for other, own in form.kinds.items() if name in own.names
+            )
+            raise table.fail(
+                name, closest(name, known), f'a key of type = {owners}, with type = "{kind}"'
+            )
     table.only(*known)
     return kind
 
@@ -251,12 +272,20 @@ def required(doc: str, make: Callable[..., Any] = dict, **types: Type) -> Format
     return Format(doc, tuple(Key(name, kind) for name, kind in types.items()), make)
 
 
-def _numbers(above: float | None = None, least: float | None = None, most: float = math.inf) -> Schema:
-    low = {"exclusiveMinimum": above} if above is not None else {"minimum": -LARGEST if least is None else least}
+def _numbers(
+    above: float | None = None, least: float | None = None, most: float = math.inf
+) -> Schema:
+    low = (
+        {"exclusiveMinimum": above}
+        if above is not None
+        else {"minimum": -LARGEST if least is None else least}
+    )
     return {"type": "number", "maximum": min(most, LARGEST), **low}
 
 
-def number(*, above: float | None = None, least: float | None = None, most: float = math.inf) -> Type:
+def number(
+    *, above: float | None = None, least: float | None = None, most: float = math.inf
+) -> Type:
     """A number, ``> above`` or ``>= least``, and ``<= most``."""
     return Type(
         lambda table, key, here: table.number(key.name, above=above, least=least, most=most),
@@ -335,7 +364,11 @@ def list_of(items: Schema, *lengths: int | range) -> Schema:
     if len(lengths) > 1:
         return out | {"anyOf": [{"minItems": n, "maxItems": n} for n in lengths]}
     for n in lengths:
-        out |= {"minItems": n[0], "maxItems": n[-1]} if isinstance(n, range) else {"minItems": n, "maxItems": n}
+        out |= (
+            {"minItems": n[0], "maxItems": n[-1]}
+            if isinstance(n, range)
+            else {"minItems": n, "maxItems": n}
+        )
     return out
 
 
@@ -352,7 +385,8 @@ def angle() -> Type:
 def text(pattern: str = "") -> Type:
     """A text."""
     return Type(
-        lambda table, key, here: table.text(key.name), {"type": "string"} | ({"pattern": pattern} if pattern else {})
+        lambda table, key, here: table.text(key.name),
+        {"type": "string"} | ({"pattern": pattern} if pattern else {}),
     )
 
 
@@ -385,7 +419,10 @@ def known(of: Callable[[Context], Sequence[str]]) -> Type:
 def words() -> Type:
     """A name or a list of different names."""
     several = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
-    return Type(lambda table, key, here: tuple(table.words(key.name)), {"anyOf": [{"type": "string"}, several]})
+    return Type(
+        lambda table, key, here: tuple(table.words(key.name)),
+        {"anyOf": [{"type": "string"}, several]},
+    )
 
 
 def name(kind: str = "", problem_of: Callable[[str], str | None] = identifier_problem) -> Type:
@@ -419,7 +456,9 @@ def one_or_more(form: Form | Callable[[], Form], most: int) -> Type:
     one = sub(form)
 
     def read_tables(table: Table, key: Key, here: Context) -> Any:
-        if not isinstance(table.plain(key.name, f"a table or a list of tables: {key.what or key.doc}"), list):
+        if not isinstance(
+            table.plain(key.name, f"a table or a list of tables: {key.what or key.doc}"), list
+        ):
             return one.read(table, key, here)
         tables = table.tables(key.name)
         if len(tables) > most:
@@ -439,7 +478,9 @@ def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Ty
             raise table.fail(key.name, f"at most {most} {key.what}", f"{len(tables)}")
         out: list[Any] = []
         for k, inner in enumerate(tables):
-            out.append(read(inner, form, replace(here, before=out, last=k + 1 == len(tables), outer=table)))
+            out.append(
+                read(inner, form, replace(here, before=out, last=k + 1 == len(tables), outer=table))
+            )
         return tuple(out)
 
     limits = {"minItems": least} | ({"maxItems": most} if most else {})

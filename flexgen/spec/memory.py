@@ -47,15 +47,32 @@ class Hysteresis(HysteresisLaw):
 HYSTERESIS = Format(
     "hysteresis of a gear in parallel with its spring; several elements as a list of tables",
     (
-        Key("lost_motion", number(above=0.0), "width of the hysteresis at zero torque, at the joint", "rad or m"),
+        Key(
+            "lost_motion",
+            number(above=0.0),
+            "width of the hysteresis at zero torque, at the joint",
+            "rad or m",
+        ),
         Key(
             "stiffness",
             number(above=0.0),
             "stiffness that is added after a reversal, on the side of the spring",
             "N m/rad or N/m",
         ),
-        Key("exponent", number(least=1.0, most=SHARPEST), "how sharply it begins to slip, n; 1: Dahl's law", "", 1.0),
-        Key("gamma", number(least=-1.0, most=0.5), "shape of its return; 0.5: along a straight line", "", 0.0),
+        Key(
+            "exponent",
+            number(least=1.0, most=SHARPEST),
+            "how sharply it begins to slip, n; 1: Dahl's law",
+            "",
+            1.0,
+        ),
+        Key(
+            "gamma",
+            number(least=-1.0, most=0.5),
+            "shape of its return; 0.5: along a straight line",
+            "",
+            0.0,
+        ),
     ),
     make=Hysteresis,
     definition="hysteresis",
@@ -87,17 +104,33 @@ def _check_static(table: Table, here: Context) -> None:
 
 
 def _made(
-    coulomb: float, static: float | None, stribeck_speed: float | None, stiffness: float, damping: float
+    coulomb: float,
+    static: float | None,
+    stribeck_speed: float | None,
+    stiffness: float,
+    damping: float,
 ) -> LuGre:
-    speed = 1.0 if stribeck_speed is None else stribeck_speed  # without effect where static = coulomb
+    # without effect where static = coulomb
+    speed = 1.0 if stribeck_speed is None else stribeck_speed
     return LuGre(coulomb, coulomb if static is None else static, speed, stiffness, damping)
 
 
 LUGRE = Format(
     "friction with a state, by the LuGre law, in addition to the friction of the motor",
     (
-        Key("coulomb", number(above=0.0), "torque F_c at high speed, without viscous friction", "N m"),
-        Key("static", number(above=0.0), "torque F_s at the lowest speed; default: coulomb", "N m", None),
+        Key(
+            "coulomb",
+            number(above=0.0),
+            "torque F_c at high speed, without viscous friction",
+            "N m",
+        ),
+        Key(
+            "static",
+            number(above=0.0),
+            "torque F_s at the lowest speed; default: coulomb",
+            "N m",
+            None,
+        ),
         Key(
             "stribeck_speed",
             number(above=0.0),
@@ -106,7 +139,12 @@ LUGRE = Format(
             None,
             check=_check_static,
         ),
-        Key("stiffness", number(above=0.0), "stiffness s0 of the bristles before they slip", "N m/rad"),
+        Key(
+            "stiffness",
+            number(above=0.0),
+            "stiffness s0 of the bristles before they slip",
+            "N m/rad",
+        ),
         Key("damping", number(least=0.0), "damping s1 of the bristles", "N m s/rad", 0.0),
     ),
     make=_made,

@@ -14,7 +14,10 @@ LONGEST = 6  # entries of a list of numbers: an inertia tensor
 
 
 def with_numbers(
-    text: str, numbers: Mapping[str, float], file: str = "", sources: Mapping[str, str] | None = None
+    text: str,
+    numbers: Mapping[str, float],
+    file: str = "",
+    sources: Mapping[str, str] | None = None,
 ) -> str:
     """The text of a TOML file with some numbers replaced, or added where their table is there.
 
@@ -50,7 +53,13 @@ def with_numbers(
         if missing:
             if path and path not in places.braces and path not in places.headers:
                 given = f"no {'.'.join(missing)}"
-                raise ModelError(file, places.lines.get(path, 0), dotted, given, "a table of the file that can have it")
+                raise ModelError(
+                    file,
+                    places.lines.get(path, 0),
+                    dotted,
+                    given,
+                    "a table of the file that can have it",
+                )
             at = places.braces.get(path, places.headers.get(path, len(text)))
             inner = new.setdefault(path, {})
             for word in missing[:-1]:
@@ -65,7 +74,9 @@ def with_numbers(
             line_end = text.find("\n", at)
             notes.setdefault(len(text) if line_end < 0 else line_end, []).append(sources[dotted])
     for path, entries in longer.items():
-        last = max(place[-1] for place in places.spans if place[:-1] == path and isinstance(place[-1], int))
+        last = max(
+            place[-1] for place in places.spans if place[:-1] == path and isinstance(place[-1], int)
+        )
         at = places.spans[*path, last][1]
         more = [repr(entries.get(k, 0.0)) for k in range(last + 1, max(entries) + 1)]
         edits.append((at, at, "".join(f", {number}" for number in more)))
@@ -73,16 +84,21 @@ def with_numbers(
         edits.append(_addition(text, places, path, tables))
     edits += [(at, at, f"  # {'; '.join(dict.fromkeys(words))}") for at, words in notes.items()]
     # from the end, so that places before an edit stay right; at one place a comment comes before new lines
-    for start, end, words in sorted(edits, key=lambda edit: (edit[0], not edit[2].startswith("  #")), reverse=True):
+    for start, end, words in sorted(
+        edits, key=lambda edit: (edit[0], not edit[2].startswith("  #")), reverse=True
+    ):
         text = text[:start] + words + text[end:]
     return text
 
 
-def _addition(text: str, places: Scanner, path: Path, tables: dict[str, Any]) -> tuple[int, int, str]:
+def _addition(
+    text: str, places: Scanner, path: Path, tables: dict[str, Any]
+) -> tuple[int, int, str]:
     """The edit that adds keys to a table."""
     if not path:  # tables of the root, at the end
         rows = [
-            f"\n[{name}]\n" + "".join(f"{k} = {_plain(x)}\n" for k, x in keys.items()) for name, keys in tables.items()
+            f"\n[{name}]\n" + "".join(f"{k} = {_plain(x)}\n" for k, x in keys.items())
+            for name, keys in tables.items()
         ]
         return len(text), len(text), "".join(rows)
     pairs = [f"{name} = {_plain(value)}" for name, value in tables.items()]
@@ -114,6 +130,12 @@ def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]
         if key is None:
             if isinstance(here.value, dict):
                 return path, tuple(words[n:])
-            raise ModelError(file, here.line, ".".join(words[: n + 1]), "nothing of this name", "a part of the model")
+            raise ModelError(
+                file,
+                here.line,
+                ".".join(words[: n + 1]),
+                "nothing of this name",
+                "a part of the model",
+            )
         here, path = here.value[key], (*path, key)
     return path, ()

@@ -73,7 +73,14 @@ def friction_key(
     """
     return field(
         default=default,
-        metadata={"unit": unit, "doc": doc, "signed": signed, "needs": needs, "most": most, "alone": alone},
+        metadata={
+            "unit": unit,
+            "doc": doc,
+            "signed": signed,
+            "needs": needs,
+            "most": most,
+            "alone": alone,
+        },
     )
 
 
@@ -88,7 +95,9 @@ class Friction:
     about: ClassVar[str] = "friction torque against the speed"
 
     viscous: float = friction_key("N m s/rad", "viscous friction")
-    coulomb: float = friction_key("N m", "Coulomb friction [], smoothed by tanh(beta speed)", needs="beta")
+    coulomb: float = friction_key(
+        "N m", "Coulomb friction [], smoothed by tanh(beta speed)", needs="beta"
+    )
     stribeck: float = friction_key(
         "N m", "Stribeck friction at low speed []: stribeck / cosh(alpha speed)", needs="beta alpha"
     )
@@ -116,13 +125,19 @@ class GearFriction(Friction):
     Source: A. C. Bittencourt, S. Gunnarsson, ASME J. Dyn. Syst. Meas. Control 134(5), 2012.
     """
 
-    about: ClassVar[str] = "friction torque of a motor against speed, torque of its gear and temperature"
+    about: ClassVar[str] = (
+        "friction torque of a motor against speed, torque of its gear and temperature"
+    )
 
     load_coulomb: float = friction_key(
-        "N m/N m", "Coulomb friction for each N m of gear torque on the motor side", needs="beta load_smoothing"
+        "N m/N m",
+        "Coulomb friction for each N m of gear torque on the motor side",
+        needs="beta load_smoothing",
     )
     load_stribeck: float = friction_key(
-        "N m/N m", "the same of Stribeck friction at low speed", needs="beta load_alpha load_smoothing"
+        "N m/N m",
+        "the same of Stribeck friction at low speed",
+        needs="beta load_alpha load_smoothing",
     )
     load_alpha: float = friction_key("s/rad", "decay of load_stribeck with the speed")
     load_smoothing: float = friction_key(
@@ -131,17 +146,28 @@ class GearFriction(Friction):
         alone=True,
     )
     reference_temperature: float = friction_key(
-        "deg C", "temperature at which viscous, stribeck and alpha hold", signed=True, default=20.0, alone=True
+        "deg C",
+        "temperature at which viscous, stribeck and alpha hold",
+        signed=True,
+        default=20.0,
+        alone=True,
     )
     temperature_rise: float = friction_key(
         "K", "temperature of this motor above that of the robot", signed=True, alone=True
     )
     viscous_share: float = friction_key(
-        "", "part of the viscous friction, at most 1, that decays with the temperature", needs="viscous_decay", most=1.0
+        "",
+        "part of the viscous friction, at most 1, that decays with the temperature",
+        needs="viscous_decay",
+        most=1.0,
     )
     viscous_decay: float = friction_key("K", "temperature over which it decays by the factor e")
-    stribeck_slope: float = friction_key("N m/K", "change of stribeck", signed=True, needs="beta alpha")
-    stribeck_speed_slope: float = friction_key("rad/s/K", "change of the speed 1/alpha", signed=True, needs="alpha")
+    stribeck_slope: float = friction_key(
+        "N m/K", "change of stribeck", signed=True, needs="beta alpha"
+    )
+    stribeck_speed_slope: float = friction_key(
+        "rad/s/K", "change of the speed 1/alpha", signed=True, needs="alpha"
+    )
 
     def viscous_at(self, temperature: float) -> float:
         """Viscous friction F_v [N m s/rad] at a temperature of the robot [deg C]."""

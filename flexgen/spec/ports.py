@@ -99,7 +99,9 @@ class Port:
         if problem is not None:
             raise ArgumentError(f"port name: given {self.name[:80]!r}, expected {problem}")
         if len(self.shape) not in (1, 2) or any(n < 0 for n in self.shape):
-            raise ArgumentError(f"port {self.name}: given shape {self.shape}, expected one or two sizes >= 0")
+            raise ArgumentError(
+                f"port {self.name}: given shape {self.shape}, expected one or two sizes >= 0"
+            )
 
     @property
     def size(self) -> int:

@@ -14,11 +14,18 @@ def type_schema(kind: Type) -> Schema:
     if kind.form is None:
         return kind.schema
     form = kind.form() if callable(kind.form) else kind.form
-    target: Schema = {"$ref": f"#/definitions/{form.definition}"} if form.definition else table_schema(form)
+    target: Schema = (
+        {"$ref": f"#/definitions/{form.definition}"} if form.definition else table_schema(form)
+    )
     if kind.many:
         return kind.schema | {"items": target}
     if kind.most:
-        return {"anyOf": [target, {"type": "array", "items": target, "minItems": 1, "maxItems": kind.most}]}
+        return {
+            "anyOf": [
+                target,
+                {"type": "array", "items": target, "minItems": 1, "maxItems": kind.most},
+            ]
+        }
     return {"allOf": [target]} if form.definition else target
 
 
@@ -27,7 +34,11 @@ def key_schemas(key: Key) -> dict[str, Schema]:
     out: dict[str, Schema] = {}
     for full in key.names:
         unit = key.unit.replace("rad", "deg") if full.endswith("_deg") else key.unit
-        doc = key.doc.replace("[]", f"[{unit}]") if "[]" in key.doc or not unit else f"{key.doc} [{unit}]"
+        doc = (
+            key.doc.replace("[]", f"[{unit}]")
+            if "[]" in key.doc or not unit
+            else f"{key.doc} [{unit}]"
+        )
         out[full] = type_schema(key.type) | ({"description": doc + key.type.rule} if doc else {})
         if isinstance(key.default, bool | int | float | str) and key.default != "":
             out[full]["default"] = key.default
@@ -41,17 +52,31 @@ def table_schema(form: Form) -> Schema:
     kinds: list[Schema] = []
     for kind, own in form.kinds.items():
         for chosen in own.either or ("",):
-            others = {x for other, more in own.either.items() if other != chosen for x in (other, *more)}
+            others = {
+                x for other, more in own.either.items() if other != chosen for x in (other, *more)
+            }
             keys = (*form.shared, *(key for key in own.keys if key.name not in others))
             needed = [chosen] * bool(chosen) + ["type"] * (kind != form.default)
-            kinds.append(_object(own.doc, keys, {"type": {"const": kind, "description": own.doc}}, needed))
+            kinds.append(
+                _object(own.doc, keys, {"type": {"const": kind, "description": own.doc}}, needed)
+            )
     return kinds[0] if len(kinds) == 1 else {"description": form.doc, "oneOf": kinds}
 
 
-def _object(doc: str, keys: Sequence[Key], more: Schema | None = None, needed: Sequence[str] = ()) -> Schema:
+def _object(
+    doc: str, keys: Sequence[Key], more: Schema | None = None, needed: Sequence[str] = ()
+) -> Schema:
     own = {full: schema for key in keys for full, schema in key_schemas(key).items()}
-    required = [*needed, *(key.name for key in keys if key.default is REQUIRED and not key.type.angle)]
-    out = {"type": "object", "description": doc, "properties": (more or {}) | own, "additionalProperties": False}
+    required = [
+        *needed,
+        *(key.name for key in keys if key.default is REQUIRED and not key.type.angle),
+    ]
+    out = {
+        "type": "object",
+        "description": doc,
+        "properties": (more or {}) | own,
+        "additionalProperties": False,
+    }
     return out | ({"required": sorted(required)} if required else {})
 
 

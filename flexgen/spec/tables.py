@@ -18,7 +18,8 @@ from flexgen.spec.toml_lines import WIDTH, Entry, TextError, leaves, parse, unwr
 
 IDENTIFIER = "^(?!.*__)[A-Za-z][A-Za-z0-9_]{0,30}$"  # as identifier_problem
 UNITS = ("_rad", "_deg")
-SMALLEST, LARGEST = 1e-18, 1e12  # range of numbers in SI units; their powers stay in the range of double precision
+# range of numbers in SI units; their powers stay in the range of double precision
+SMALLEST, LARGEST = 1e-18, 1e12
 MAGNITUDE = "of magnitude 1e-18 to 1e12 (or 0)"
 
 
@@ -129,12 +130,16 @@ class Table:
         entry = None if key is None else self.entries.get(key)
         if given is None:
             given = "nothing" if entry is None else show(unwrap(entry))
-        file, line = (self.file, self.line) if entry is None else (entry.file or self.file, entry.line)
+        file, line = (
+            (self.file, self.line) if entry is None else (entry.file or self.file, entry.line)
+        )
         return self.error(file, line, self.path(key), given, expected)
 
     def where(self) -> Where:
         """Position of the table in its file, for later messages."""
-        return Where(self.file, self.line, self.key, tuple((key, e.line) for key, e in self.entries.items()))
+        return Where(
+            self.file, self.line, self.key, tuple((key, e.line) for key, e in self.entries.items())
+        )
 
     def only(self, *known: str) -> None:
         """Raise an error for a key that is not among the known ones."""
@@ -195,13 +200,19 @@ class Table:
         return value
 
     def vector(
-        self, key: str, lengths: int | Sequence[int], default: Sequence[float] | None = None, what: str = ""
+        self,
+        key: str,
+        lengths: int | Sequence[int],
+        default: Sequence[float] | None = None,
+        what: str = "",
     ) -> tuple[float, ...]:
         """A list of finite numbers whose length is one of ``lengths``."""
         if default is not None and key not in self.entries:
             return tuple(default)
         lengths = (lengths,) if isinstance(lengths, int) else lengths
-        sizes = f"{lengths[0]} to {lengths[-1]}" if len(lengths) > 2 else " or ".join(map(str, lengths))
+        sizes = (
+            f"{lengths[0]} to {lengths[-1]}" if len(lengths) > 2 else " or ".join(map(str, lengths))
+        )
         expected = f"a list of {sizes} number{'s' if tuple(lengths) != (1,) else ''}"
         expected += f" ({what})" if what else ""
         value = self._get(key, expected)
@@ -243,7 +254,9 @@ class Table:
         values = self.vector(key, len(rotary), what=what)
         if key.endswith("_rad"):
             return values
-        return tuple(math.radians(x) if turns else x for x, turns in zip(values, rotary, strict=True))
+        return tuple(
+            math.radians(x) if turns else x for x, turns in zip(values, rotary, strict=True)
+        )
 
     def angle(self, stem: str) -> float | None:
         """A number under ``stem_rad`` or ``stem_deg``, in rad; None if both keys are missing."""
@@ -259,7 +272,9 @@ class Table:
             raise self.fail(key, "a string")
         for c in value:
             if unicodedata.category(c) in ("Cc", "Cs") and c not in "\n\t":
-                raise self.fail(key, "text without control characters", f"the control character {show(c)}")
+                raise self.fail(
+                    key, "text without control characters", f"the control character {show(c)}"
+                )
         return value
 
     def flag(self, key: str) -> bool:
@@ -298,13 +313,21 @@ class Table:
         expected = "a name or a list of different names"
         value = self._get(key, expected)
         words = [item.value for item in value] if isinstance(value, list) else [value]
-        if not words or not all(isinstance(word, str) for word in words) or len(set(words)) < len(words):
+        if (
+            not words
+            or not all(isinstance(word, str) for word in words)
+            or len(set(words)) < len(words)
+        ):
             raise self.fail(key, expected)
         return words
 
     def table(self, key: str) -> Table | None:
         """A table, or None if the key is missing."""
-        return type(self)(self.file, self.entries[key], self.path(key)) if key in self.entries else None
+        return (
+            type(self)(self.file, self.entries[key], self.path(key))
+            if key in self.entries
+            else None
+        )
 
     def tables(self, key: str, required: bool = True) -> list[Table]:
         """A list of tables; the key path of each contains its name if that is valid, else its index."""
@@ -342,7 +365,9 @@ class FileTable(Table):
 def entry_name(entry: Entry) -> str | None:
     """The name of a list entry if it is an identifier, else None."""
     name = entry.value.get("name") if isinstance(entry.value, dict) else None
-    good = name is not None and isinstance(name.value, str) and identifier_problem(name.value) is None
+    good = (
+        name is not None and isinstance(name.value, str) and identifier_problem(name.value) is None
+    )
     return name.value if good and name is not None else None
 
 
@@ -360,13 +385,17 @@ def file_bytes(path: Path, what: str, shown: str = "") -> bytes:
 def parse_bytes(raw: bytes, shown: str, kind: type[Table] = Table) -> Entry:
     """Parse the content of a TOML file into a tree of entries with their line numbers."""
     if len(raw) > kind.size_max:
-        raise kind.error(shown, 0, "file", f"more than {kind.size_max} bytes", f"at most {kind.size_max} bytes")
+        raise kind.error(
+            shown, 0, "file", f"more than {kind.size_max} bytes", f"at most {kind.size_max} bytes"
+        )
     raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
         return parse(raw.decode("utf-8"), shown, kind.width)
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        raise kind.error(shown, line, "file", f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
+        raise kind.error(
+            shown, line, "file", f"the byte 0x{raw[error.start]:02x}", "text in UTF-8"
+        ) from None
     except TextError as error:
         raise kind.error(shown, error.line, "file", error.given, error.expected) from None
 
@@ -382,5 +411,11 @@ def file_table(raw: bytes, path: Path) -> FileTable:
     for entry in leaves(root):
         if isinstance(entry.value, int) and not -(2**63) <= entry.value < 2**63:
             given = f"a whole number of {entry.value.bit_length()} bits"
-            raise FileError(str(path), entry.line, "file", given, "at most 64 bits; write 1e30 for a large number")
+            raise FileError(
+                str(path),
+                entry.line,
+                "file",
+                given,
+                "at most 64 bits; write 1e30 for a large number",
+            )
     return FileTable(str(path), root, "")

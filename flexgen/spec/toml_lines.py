@@ -125,10 +125,16 @@ def copy(entry: Entry) -> Entry:
 def _attach(data: Any, path: Path, lines: dict[Path, int], line: int, file: str) -> Entry:
     line = lines.get(path, line)
     if isinstance(data, dict):
-        value = {str(key): _attach(child, (*path, key), lines, line, file) for key, child in data.items()}
+        value = {
+            str(key): _attach(child, (*path, key), lines, line, file) for key, child in data.items()
+        }
         return Entry(value, line, file)
     if isinstance(data, (list, tuple)):
-        return Entry([_attach(child, (*path, i), lines, line, file) for i, child in enumerate(data)], line, file)
+        return Entry(
+            [_attach(child, (*path, i), lines, line, file) for i, child in enumerate(data)],
+            line,
+            file,
+        )
     return Entry(data, line, file)
 
 

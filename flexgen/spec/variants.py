@@ -13,7 +13,9 @@ from flexgen.spec.toml_text import toml
 LONGEST = 300  # characters of a description
 
 
-def add_variant(file: str | Path, name: str, changes: Mapping[str, Any], description: str, base: str = "") -> str:
+def add_variant(
+    file: str | Path, name: str, changes: Mapping[str, Any], description: str, base: str = ""
+) -> str:
     """The text of a model file with a further variant.
 
     Parameters
@@ -37,13 +39,19 @@ def add_variant(file: str | Path, name: str, changes: Mapping[str, Any], descrip
     text = path.read_text(encoding="utf-8") if path.is_file() and path.suffix == ".toml" else ""
     variants = tomllib.loads(text).get("variant", {})
     if not text or name in variants:
-        given = f"{path.name}, which has a variant {name!r}" if text else f"{str(file)!r}, which is no .toml file"
+        given = (
+            f"{path.name}, which has a variant {name!r}"
+            if text
+            else f"{str(file)!r}, which is no .toml file"
+        )
         raise ArgumentError(
             f"write: given a model of {given}, expected one of a .toml file without that variant; the numbers are in "
             "the result and in --json"
         )
     old = variants.get(base, {})
-    sets = {key: value for key, value in old.get("set", {}).items() if key not in changes} | dict(changes)
+    sets = {key: value for key, value in old.get("set", {}).items() if key not in changes} | dict(
+        changes
+    )
     lines = [f"[variant.{name}]", f"description = {toml(' '.join(description.split())[:LONGEST])}"]
     lines += [f"remove = {toml(old['remove'])}"] if "remove" in old else []
     rows = [f"{toml(key)} = {toml(value)}" for key, value in sets.items()]

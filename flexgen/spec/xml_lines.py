@@ -72,21 +72,30 @@ def parse(raw: bytes) -> Node:
         The text is not XML, has a document type (which could declare entities), or is nested too deeply.
     """
     tree = _Tree()
-    parser = DefusedXMLParser(target=tree, forbid_dtd=True, forbid_entities=True, forbid_external=True)
+    parser = DefusedXMLParser(
+        target=tree, forbid_dtd=True, forbid_entities=True, forbid_external=True
+    )
     tree.parser = parser.parser
     try:
         parser.feed(raw)
         root = parser.close()
     except DTDForbidden:
         line = tree.parser.CurrentLineNumber
-        raise MarkupError(line, "a document type or entities", "a URDF file without <!DOCTYPE ...>") from None
+        raise MarkupError(
+            line, "a document type or entities", "a URDF file without <!DOCTYPE ...>"
+        ) from None
     except DefusedXmlException:
         line = tree.parser.CurrentLineNumber
-        raise MarkupError(line, "entities or references to other files", "a URDF file without them") from None
+        raise MarkupError(
+            line, "entities or references to other files", "a URDF file without them"
+        ) from None
     except ParseError as error:
         reason = str(error).partition(": line ")[0]
-        raise MarkupError(error.position[0], f"text that is not XML ({reason})", "a URDF file") from None
-    except (ValueError, LookupError):  # an encoding that does not exist or that expat does not support
+        raise MarkupError(
+            error.position[0], f"text that is not XML ({reason})", "a URDF file"
+        ) from None
+    # an encoding that does not exist or that expat does not support
+    except (ValueError, LookupError):
         raise MarkupError(1, "an unknown encoding", "a URDF file in UTF-8") from None
     assert isinstance(root, Node)  # a document without an element is not well-formed
     return root

@@ -45,10 +45,16 @@ class Batches:
         batches: dict[tuple[str, float, int], list[tuple[Job, Move]]] = {}
         for job in self.shard.jobs:
             robot = self.shard.robots[job.key]
-            if isinstance(robot, RobotModel) and job.method in ("auto", "closed-form") and self._unverified():
+            if (
+                isinstance(robot, RobotModel)
+                and job.method in ("auto", "closed-form")
+                and self._unverified()
+            ):
                 move = _plain_move(job, robot)
                 if move is not None:
-                    batches.setdefault((job.key, move.duration, move.smoothness), []).append((job, move))
+                    batches.setdefault((job.key, move.duration, move.smoothness), []).append(
+                        (job, move)
+                    )
         out: dict[int, tuple[Row, Row]] = {}
         for (key, duration, smoothness), batch in batches.items():
             robot = self.shard.robots[key]
@@ -80,7 +86,9 @@ class Batches:
         ends = np.array([move.end for _, move in batch])
         rows = [
             {"move": move.name} | row
-            for (_, move), row in zip(batch, figures_or_reasons(robot, mover, starts, ends), strict=True)
+            for (_, move), row in zip(
+                batch, figures_or_reasons(robot, mover, starts, ends), strict=True
+            )
         ]
         took = {
             "wall": (time.perf_counter() - wall) / len(batch),
@@ -109,7 +117,12 @@ def _plain_move(job: Job, robot: RobotModel) -> Move | None:
         move = chosen if isinstance(chosen, Move) else robot.move(chosen)
     except FlexgenError:
         return None
-    if move.type != "joint" or not move.duration > 0 or len(move.start) != robot.n_g or len(move.end) != robot.n_g:
+    if (
+        move.type != "joint"
+        or not move.duration > 0
+        or len(move.start) != robot.n_g
+        or len(move.end) != robot.n_g
+    ):
         return None
     plain = Move(move.name, "joint", move.start, move.duration, move.smoothness, end=move.end)
     return plain if move == plain and np.isfinite([*move.start, *move.end]).all() else None
@@ -129,7 +142,9 @@ def _library(key: str, equations: Equations) -> InverseDynamics | None:
     return _LIBRARIES[key]
 
 
-def figures_or_reasons(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:
+def figures_or_reasons(
+    robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray
+) -> list[Row]:
     """Rows of moves as `figures` makes them; a move that fails has the reason instead, and does not affect others.
 
     A batch that fails is halved until the moves that fail are alone.
@@ -141,16 +156,24 @@ def figures_or_reasons(robot: RobotModel, mover: JointMoves, starts: np.ndarray,
             return [failed_row(str(error))]
     half = len(starts) // 2
     halves = (slice(half), slice(half, None))
-    return [row for rows in halves for row in figures_or_reasons(robot, mover, starts[rows], ends[rows])]
+    return [
+        row for rows in halves for row in figures_or_reasons(robot, mover, starts[rows], ends[rows])
+    ]
 
 
-def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:
+def figures(
+    robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray
+) -> list[Row]:
     """Rows of the table of moves from ``starts`` to ``ends`` (N, n_g)."""
     peaks = mover.peaks(starts, ends)
-    torque, rms, speed = (x.max(axis=1) for x in (peaks.torque_max, peaks.torque_rms, peaks.speed_max))
+    torque, rms, speed = (
+        x.max(axis=1) for x in (peaks.torque_max, peaks.torque_rms, peaks.speed_max)
+    )
     energy = peaks.energy.sum(axis=1)
     doubtful = _beyond(robot, peaks, starts, ends)
-    beyond = [_warnings(robot, peaks, starts, ends, k) if doubtful[k] else () for k in range(len(starts))]
+    beyond = [
+        _warnings(robot, peaks, starts, ends, k) if doubtful[k] else () for k in range(len(starts))
+    ]
     return [
         {
             "method_used": "closed-form",
@@ -182,11 +205,15 @@ def _beyond(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarra
         (high, [None if dof is None else dof.upper for dof in dofs]),
         (-low, [None if dof is None or dof.lower is None else -dof.lower for dof in dofs]),
     ):
-        out |= (values > np.array([np.inf if limit is None else limit for limit in limits])).any(axis=1)
+        out |= (values > np.array([np.inf if limit is None else limit for limit in limits])).any(
+            axis=1
+        )
     return out
 
 
-def _warnings(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray, k: int) -> tuple[str, ...]:
+def _warnings(
+    robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray, k: int
+) -> tuple[str, ...]:
     """Exceeded limits of the model file, worded as in a solution: two samples contain all the extremes."""
     channels = {
         "tau_m": np.tile(peaks.torque_max[k], (2, 1)),

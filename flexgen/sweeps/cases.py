@@ -76,7 +76,9 @@ class RandomMove:
             if dof.speed_max is not None:
                 way = min(way, (1 - MARGIN) * dof.speed_max * self.duration / speed)
             if dof.acceleration_max is not None:
-                way = min(way, (1 - MARGIN) * dof.acceleration_max * self.duration**2 / acceleration)
+                way = min(
+                    way, (1 - MARGIN) * dof.acceleration_max * self.duration**2 / acceleration
+                )
             start.append(float(low + (high - low) * first))
             lowest, highest = max(low, start[-1] - way), min(high, start[-1] + way)
             end.append(float(lowest + (highest - lowest) * second))
@@ -92,7 +94,9 @@ def _peaks(smoothness: int) -> tuple[float, float]:
 
 
 @checked_types(own=("count",))
-def random_moves(count: int, seed: int = 0, duration: float = 1.0, smoothness: int = 5) -> tuple[RandomMove, ...]:
+def random_moves(
+    count: int, seed: int = 0, duration: float = 1.0, smoothness: int = 5
+) -> tuple[RandomMove, ...]:
     """Random joint moves within the ranges, speeds and accelerations of the model, for the cases of a `Grid`.
 
     Parameters
@@ -195,16 +199,24 @@ class Grid:
         for name, (kind, what) in kinds.items():
             values = getattr(self, name)
             if isinstance(values, str | Mapping) or not isinstance(values, Sequence):
-                raise ArgumentError(f"grid, {name}: given {values!r}, expected a sequence of {what}")
+                raise ArgumentError(
+                    f"grid, {name}: given {values!r}, expected a sequence of {what}"
+                )
             if not values or not all(isinstance(value, kind) for value in values):
-                raise ArgumentError(f"grid, {name}: given {list(values)[:5]!r}, expected one or more {what}")
+                raise ArgumentError(
+                    f"grid, {name}: given {list(values)[:5]!r}, expected one or more {what}"
+                )
             object.__setattr__(self, name, tuple(values))
         cases = math.prod(self._sizes)
         if cases > CASES:
-            raise ArgumentError(f"grid: given {cases} cases, expected at most {CASES}; split it into several sweeps")
+            raise ArgumentError(
+                f"grid: given {cases} cases, expected at most {CASES}; split it into several sweeps"
+            )
         unknown = sorted(set(self.options) - set(OPTIONS))
         if unknown:
-            raise ArgumentError(f"grid, options: given {unknown[0]!r}, expected some of {', '.join(OPTIONS)}")
+            raise ArgumentError(
+                f"grid, options: given {unknown[0]!r}, expected some of {', '.join(OPTIONS)}"
+            )
 
     @property
     def _sizes(self) -> tuple[int, ...]:
@@ -217,7 +229,13 @@ class Grid:
         if not 0 <= number < len(self):
             raise IndexError(f"case {number} of {len(self)}")
         model, parameters, move, method = (int(k) for k in np.unravel_index(number, self._sizes))
-        return Case(number, self.models[model], self.parameters[parameters], self.moves[move], self.methods[method])
+        return Case(
+            number,
+            self.models[model],
+            self.parameters[parameters],
+            self.moves[move],
+            self.methods[method],
+        )
 
     def __iter__(self) -> Iterator[Case]:
         return (self[number] for number in range(len(self)))
@@ -225,7 +243,9 @@ class Grid:
     def describe(self) -> dict[str, Any]:
         """The grid as JSON types; models with a digest of their data."""
         return {
-            "models": [{"model": _describe(model), "digest": _content(model)} for model in self.models],
+            "models": [
+                {"model": _describe(model), "digest": _content(model)} for model in self.models
+            ],
             "parameters": [_to_json(changes) for changes in self.parameters],
             "moves": [_to_json(move) for move in self.moves],
             "methods": list(self.methods),
@@ -265,9 +285,13 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], .
     {'motor.m1.inertia': 0.01, 'motor.m2.inertia': 0.01}
     {'motor.m1.inertia': 0.02, 'motor.m2.inertia': 0.01}
     """
-    for key, listed in mapping_of("values", values, "a mapping of names to lists of values").items():
+    for key, listed in mapping_of(
+        "values", values, "a mapping of names to lists of values"
+    ).items():
         if isinstance(listed, str) or not isinstance(listed, Sequence) or not listed:
-            raise ArgumentError(f"parameters {key}: given {show_value(listed)}, expected a list of values")
+            raise ArgumentError(
+                f"parameters {key}: given {show_value(listed)}, expected a list of values"
+            )
     sets = math.prod(map(len, values.values()))
     if sets > CASES:
         raise ArgumentError(f"parameters: given {sets} combinations, expected at most {CASES}")
@@ -297,7 +321,11 @@ def _samples(move: Move) -> str:
 def _to_json(value: Any) -> Any:
     """JSON types; data classes with their names."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        parts = {part.name: _to_json(getattr(value, part.name)) for part in dataclasses.fields(value) if part.compare}
+        parts = {
+            part.name: _to_json(getattr(value, part.name))
+            for part in dataclasses.fields(value)
+            if part.compare
+        }
         if isinstance(value, Move) and value.file:
             parts["samples"] = _samples(value)
         return {type(value).__name__: parts}

@@ -59,7 +59,7 @@ class Peaks:
     acceleration: np.ndarray
 
 
-def unfit(model: RobotModel) -> str:
+def unfit(model: RobotModel) -> str:  # noqa: C901
     """Why the moves of a model cannot be computed in batches; empty where they can."""
     if model.n_e:
         return f"model {model.name} has {model.n_e} non-actuated coordinates"
@@ -68,7 +68,10 @@ def unfit(model: RobotModel) -> str:
     for gear, _ in gears(model):
         if not gear.rigid and not isinstance(gear.spring, LinearSpring):
             return f"model {model.name} has a gear with a {type(gear.spring).__name__}"
-    for friction in (*(c.dof.friction for c in model.coordinates if c.dof), *(m.friction for m in model.motors)):
+    for friction in (
+        *(c.dof.friction for c in model.coordinates if c.dof),
+        *(m.friction for m in model.motors),
+    ):
         if type(friction) is not Friction:
             return f"model {model.name} has a friction law {type(friction).__name__}"
     if joints := hysteretic_joints(model):
@@ -81,7 +84,10 @@ def unfit(model: RobotModel) -> str:
         return f"model {model.name} has limits other than of motor torque and speed"
     if any(c.dof.counterbalance for c in model.coordinates if c.dof):
         return f"model {model.name} has a counterbalance"
-    if any(element.body.rotational_drag for element in model.elements) or model.payload.rotational_drag:
+    if (
+        any(element.body.rotational_drag for element in model.elements)
+        or model.payload.rotational_drag
+    ):
         return f"model {model.name} has a body with rotational_drag"
     return ""
 
@@ -117,7 +123,9 @@ class JointMoves:
         model = equations.model
         problem = unfit(model)
         if problem:
-            raise ArgumentError(f"batch of joint moves: {problem}; use flexgen.solve for each of them")
+            raise ArgumentError(
+                f"batch of joint moves: {problem}; use flexgen.solve for each of them"
+            )
         self.model, self.law = model, law
         step = min(STEP, law.duration / 400) if step is None else step
         self.t, _ = instants(law.duration, step, gear_settling(equations))
@@ -126,7 +134,11 @@ class JointMoves:
         self._inverse_dynamics = inverse_dynamics or _interpret(equations)
         rows = gears(model)
         self._elastic = [k for k, (gear, _) in enumerate(rows) if not gear.rigid]
-        stiffness = [ratio**2 * gear.spring.stiffness for gear, ratio in rows if isinstance(gear.spring, LinearSpring)]
+        stiffness = [
+            ratio**2 * gear.spring.stiffness
+            for gear, ratio in rows
+            if isinstance(gear.spring, LinearSpring)
+        ]
         self._stiffness, self._damping = np.array(stiffness), gear_damping(equations)[self._elastic]
         damped = self._damping > 0
         slow = self._damping[damped] / self._stiffness[damped]
@@ -138,7 +150,9 @@ class JointMoves:
             )
         self._slow = [int(k) for k in np.flatnonzero(damped)]  # among the elastic ones
         self._lag: Lag | None = (
-            gear_lag(self.t, self._stiffness[self._slow], self._damping[self._slow]) if self._slow else None
+            gear_lag(self.t, self._stiffness[self._slow], self._damping[self._slow])
+            if self._slow
+            else None
         )
         s = law(self.t, 5)
         self._here = [np.ascontiguousarray(s[:, k]) for k in range(4)]
@@ -176,7 +190,9 @@ class JointMoves:
                 f"joint moves: given starts {q0.shape} and ends {q1.shape}, expected (N, {self.model.n_g}) for both"
             )
         if not (np.isfinite(q0).all() and np.isfinite(q1).all()):
-            raise ArgumentError("joint moves: given starts or ends that are not finite, expected finite numbers")
+            raise ArgumentError(
+                "joint moves: given starts or ends that are not finite, expected finite numbers"
+            )
         if not self._memory:
             self._memory = [np.empty((self.model.n_g, self.n, self._width)) for _ in range(8)]
         for first in range(0, len(q0), self._width):
@@ -185,17 +201,23 @@ class JointMoves:
             start = np.ascontiguousarray(q0[filled].T)
             tau, speed = self._motors(start, np.ascontiguousarray(q1[filled].T) - start)
             if not np.isfinite(tau).all():
-                raise SolverError(f"joint moves {rows[0]} to {rows[-1]}: the torques are not finite")
+                raise SolverError(
+                    f"joint moves {rows[0]} to {rows[-1]}: the torques are not finite"
+                )
             yield rows, tau, speed
 
-    def _arm(self, start: np.ndarray, way: np.ndarray, s: Sequence[np.ndarray], tau: np.ndarray) -> None:
+    def _arm(
+        self, start: np.ndarray, way: np.ndarray, s: Sequence[np.ndarray], tau: np.ndarray
+    ) -> None:
         """Write the inverse dynamics (n_g, n, width) of the moves at (s, s', s'') to ``tau``; uses three arrays."""
         q, v, a = self._memory[:3]
         for x, factor in zip((q, v, a), s, strict=False):
             np.multiply(way[:, None, :], factor[None, :, None], out=x)
         q += start[:, None, :]
         n_g = len(way)
-        self._inverse_dynamics(*(x.reshape(n_g, -1).T for x in (q, v, a)), out=tau.reshape(n_g, -1).T)
+        self._inverse_dynamics(
+            *(x.reshape(n_g, -1).T for x in (q, v, a)), out=tau.reshape(n_g, -1).T
+        )
 
     def _motors(self, start: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Motor torques and speeds (n_m, n, width)."""
@@ -222,7 +244,9 @@ class JointMoves:
             first[k] += first_derivative * a[k]
             second[k] += second_derivative * a[k] ** 2 + first_derivative * (way[k] * jerk)
         if elastic:
-            rates, second_rates = self._deflection_rates(tau[elastic], first[elastic], second[elastic])
+            rates, second_rates = self._deflection_rates(
+                tau[elastic], first[elastic], second[elastic]
+            )
             v[elastic] += rates
             a[elastic] += second_rates
         eta, back = model.eta, np.linalg.inv(model.eta).T
@@ -235,7 +259,12 @@ class JointMoves:
         return np.add(torque, acceleration, out=torque), speed
 
     def _derivatives(
-        self, start: np.ndarray, way: np.ndarray, near: np.ndarray, first: np.ndarray, second: np.ndarray
+        self,
+        start: np.ndarray,
+        way: np.ndarray,
+        near: np.ndarray,
+        first: np.ndarray,
+        second: np.ndarray,
     ) -> None:
         """Write the neighbors' share of two derivatives of the inverse dynamics, times the step and its square."""
         later = self._memory[7]
@@ -257,7 +286,9 @@ class JointMoves:
         if self._lag is not None:
             slow = self._slow
             given = np.stack([x[slow].transpose(1, 0, 2) for x in (tau, first, second)])
-            deflections = self._lag.deflections(given, given[0, 0] / K[slow][:, 0]).transpose(1, 0, 2)
+            deflections = self._lag.deflections(given, given[0, 0] / K[slow][:, 0]).transpose(
+                1, 0, 2
+            )
             rates[slow] = (tau[slow] - K[slow] * deflections) / D[slow]
             second_rates[slow] = (first[slow] - K[slow] * rates[slow]) / D[slow]
         return rates, second_rates
@@ -289,7 +320,11 @@ def friction_derivatives(law: Friction, w: np.ndarray) -> tuple[np.ndarray, np.n
         L = L + law.stribeck * C
         L1 = -law.stribeck * law.alpha * C * U
         L2 = law.stribeck * law.alpha**2 * C * (2 * U * U - 1)
-    return law.viscous * w + L * T + law.offset, law.viscous + L1 * T + L * T1, L2 * T + 2 * L1 * T1 + L * T2
+    return (
+        law.viscous * w + L * T + law.offset,
+        law.viscous + L1 * T + L * T1,
+        L2 * T + 2 * L1 * T1 + L * T2,
+    )
 
 
 def _sech(x: np.ndarray) -> np.ndarray:
@@ -300,7 +335,8 @@ def _sech(x: np.ndarray) -> np.ndarray:
 def _taylor(s: np.ndarray, offset: float) -> tuple[np.ndarray, ...]:
     """Taylor expansion of (s, s', s'') (n,) at an offset [s], up to the fourth derivative, from ``s`` (n, 6)."""
     return tuple(
-        sum((s[:, k + i] * (offset**i / factorial(i)) for i in range(1, 5 - k)), s[:, k].copy()) for k in range(3)
+        sum((s[:, k + i] * (offset**i / factorial(i)) for i in range(1, 5 - k)), s[:, k].copy())
+        for k in range(3)
     )
 
 

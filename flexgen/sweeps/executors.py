@@ -62,7 +62,9 @@ class _Pool:
 
     def __init__(self, workers: int) -> None:
         context = multiprocessing.get_context("spawn")
-        self._pool = futures.ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_interrupts)
+        self._pool = futures.ProcessPoolExecutor(
+            workers, mp_context=context, initializer=_leave_interrupts
+        )
 
     def submit(self, work: Work, shard: Shard) -> futures.Future[Rows]:
         try:
@@ -111,8 +113,13 @@ def _run_isolated(shard: Shard, work: Work) -> Rows:
         pass
     if len(shard.jobs) == 1:
         job = shard.jobs[0]
-        reason = failed_row("the process that solved this case died: out of memory, or a fault in a library")
+        reason = failed_row(
+            "the process that solved this case died: out of memory, or a fault in a library"
+        )
         return Rows([job.heading | reason], [{"case": job.number}])
     middle = len(shard.jobs) // 2
-    halves = [_run_isolated(replace(shard, jobs=jobs), work) for jobs in (shard.jobs[:middle], shard.jobs[middle:])]
+    halves = [
+        _run_isolated(replace(shard, jobs=jobs), work)
+        for jobs in (shard.jobs[:middle], shard.jobs[middle:])
+    ]
     return Rows(halves[0].results + halves[1].results, halves[0].times + halves[1].times)

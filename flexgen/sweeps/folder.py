@@ -55,7 +55,15 @@ class Folder:
         The folder contains something else: another sweep, results of other code, or no sweep.
     """
 
-    def __init__(self, path: str | Path, grid: Grid, code: str, shard_size: int | None, resume: bool, log: Log) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        grid: Grid,
+        code: str,
+        shard_size: int | None,
+        resume: bool,
+        log: Log,
+    ) -> None:
         self.path, self._log = Path(path), log
         follow_links(self.path)
         self._cases = len(grid)
@@ -65,8 +73,12 @@ class Folder:
             self.shard_size = self._continue(head, shard_size, resume)
             return
         if self.path.exists() and not self.path.is_dir():
-            raise ArgumentError(f"sweep: given {str(self.path)!r}, which is a file, expected a folder")
-        if self.path.is_dir() and any(not entry.name.startswith(".") for entry in self.path.iterdir()):
+            raise ArgumentError(
+                f"sweep: given {str(self.path)!r}, which is a file, expected a folder"
+            )
+        if self.path.is_dir() and any(
+            not entry.name.startswith(".") for entry in self.path.iterdir()
+        ):
             raise ArgumentError(
                 f"sweep: given the folder {str(self.path)!r}, which contains other files, expected an empty or "
                 "a new folder; take another folder"
@@ -89,10 +101,14 @@ class Folder:
         try:
             there = json.loads(head.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
-            raise ArgumentError(f"{where} with an unreadable sweep.json ({error}); take another folder") from None
+            raise ArgumentError(
+                f"{where} with an unreadable sweep.json ({error}); take another folder"
+            ) from None
         size: Any = there.get("shard_size") if isinstance(there, dict) else None
         if not is_whole(size):
-            raise ArgumentError(f"{where} with a damaged sweep.json (no whole number shard_size); take another folder")
+            raise ArgumentError(
+                f"{where} with a damaged sweep.json (no whole number shard_size); take another folder"
+            )
         for key, value in self._about.items():
             if there.get(key) != value:
                 what = {
@@ -105,7 +121,9 @@ class Folder:
                     f"{where} with a sweep {what}, expected one of this grid and this code; take another folder"
                 )
         if shard_size not in (None, size):
-            raise ArgumentError(f"{where} with shards of {size} cases and shard_size {shard_size}, expected {size}")
+            raise ArgumentError(
+                f"{where} with shards of {size} cases and shard_size {shard_size}, expected {size}"
+            )
         return int(size)
 
     def keep(self, number: int, rows: Rows) -> None:

@@ -22,7 +22,13 @@ def _grid(models: Any, moves: Any, random: tuple[MoveChoice, ...], **values: Any
     named = [*moves, *random]
     listed, options = values["parameters"], values["options"]
     changes = values["set"] if listed is None else combinations(_flat(listed))
-    return Grid(models, named or (None,), values["methods"], changes, {} if options is None else options.data)
+    return Grid(
+        models,
+        named or (None,),
+        values["methods"],
+        changes,
+        {} if options is None else options.data,
+    )
 
 
 def _flat(table: Table, prefix: str = "") -> dict[str, Any]:
@@ -40,17 +46,26 @@ RANDOM = Format(
         Key("count", whole(0, RANDOM_MOVES), "how many"),
         Key("seed", whole(0, 2**63 - 1), "seed of the draws", default=RandomMove.seed),
         Key("duration", number(above=0.0, most=SECONDS), "duration", "s", RandomMove.duration),
-        Key("smoothness", whole(0, 100), "number of continuous derivatives", default=RandomMove.smoothness),
+        Key(
+            "smoothness",
+            whole(0, 100),
+            "number of continuous derivatives",
+            default=RandomMove.smoothness,
+        ),
     ),
     make=random_moves,
 )
 _NAMES = each(str, what="names", schema={"type": "string"})
 _SETS = each(dict, what="tables", schema={"type": "object"})
-_PATHS = "dotted paths of the model file to lists of values: all combinations, the last path fastest"
+_PATHS = (
+    "dotted paths of the model file to lists of values: all combinations, the last path fastest"
+)
 GRID = Format(
     "grid of a sweep: all combinations of models, changes, moves and methods",
     (
-        Key("models", _NAMES, "names, or paths relative to the current folder", check=_check_changes),
+        Key(
+            "models", _NAMES, "names, or paths relative to the current folder", check=_check_changes
+        ),
         Key("methods", _NAMES, "methods of inverse dynamics", default=Grid.methods),
         Key("moves", _NAMES, "names of moves; none: the first move of each model", default=[]),
         Key("random", sub(RANDOM), RANDOM.doc, default=(), note="a table with count"),

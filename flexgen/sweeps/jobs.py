@@ -28,7 +28,11 @@ class Job:
     def of(case: Case, key: str) -> Job:
         """The job of a case."""
         model = case.model.name if isinstance(case.model, RobotModel) else str(case.model)
-        changes = json.dumps(dict(case.parameters), sort_keys=True, default=repr) if case.parameters else ""
+        changes = (
+            json.dumps(dict(case.parameters), sort_keys=True, default=repr)
+            if case.parameters
+            else ""
+        )
         return Job(case.number, key, model, changes, case.move, case.method)
 
     @property

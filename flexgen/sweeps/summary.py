@@ -37,6 +37,12 @@ def summarize(results: Table, times: Table) -> list[dict[str, Any]]:
         }
         figures["cpu"] = float(np.nansum(times["cpu"][rows]))
         out.append(
-            {"model": str(model), "method": str(method), "status": str(status), "cases": int(rows.sum())} | figures
+            {
+                "model": str(model),
+                "method": str(method),
+                "status": str(status),
+                "cases": int(rows.sum()),
+            }
+            | figures
         )
     return out

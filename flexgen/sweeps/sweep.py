@@ -137,7 +137,9 @@ def sweep(
         missing = [number for number in range(count) if folder.rows(number) is None]
     shards = _shards(grid, missing, size, code)
     report = _Progress(len(grid), sum(len(_numbers(grid, number, size)) for number in missing), log)
-    with closing(_execute(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)) as done:
+    with closing(
+        _execute(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)
+    ) as done:
         for shard, rows in done:
             if folder is None:
                 memory[shard.number] = rows
@@ -166,24 +168,45 @@ def _check_arguments(
     """ArgumentError where an argument of `sweep` has a wrong type or value."""
     if not isinstance(grid, Grid):
         raise ArgumentError(f"grid: given {grid!r}, expected a Grid")
-    for name, value, least in (("workers", workers, 0), ("shard_size", shard_size, 1), ("in_flight", in_flight, 1)):
+    for name, value, least in (
+        ("workers", workers, 0),
+        ("shard_size", shard_size, 1),
+        ("in_flight", in_flight, 1),
+    ):
         if value is not None:
             count_of(name, value, CASES, least)
     if executor is not None and workers is not None:
         raise ArgumentError("workers: given together with an executor, expected one of the two")
-    if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
-        raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
+    if (
+        executor is not None
+        and not hasattr(executor, "submit")
+        and not hasattr(executor, "get_executor")
+    ):
+        raise ArgumentError(
+            f"executor: given {executor!r}, expected an object with submit(function, argument)"
+        )
     if resume and out is None:
-        raise ArgumentError("resume: given without a folder, expected out= with the folder to resume")
+        raise ArgumentError(
+            "resume: given without a folder, expected out= with the folder to resume"
+        )
 
 
 def _execute(
-    shards: Iterator[Shard], workers: int | None, executor: Any, in_flight: int | None, count: int, work: Work
+    shards: Iterator[Shard],
+    workers: int | None,
+    executor: Any,
+    in_flight: int | None,
+    count: int,
+    work: Work,
 ) -> Done:
     if executor is not None:
         return with_executor(shards, executor, in_flight, work)
     if workers is None:
-        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        workers = (
+            len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else os.cpu_count() or 1
+        )
     workers = min(workers, count)
     return in_process(shards, work) if workers < 2 else in_pool(shards, workers, work)
 
@@ -198,7 +221,9 @@ def _rows(folder: Folder | None, memory: dict[int, Rows], number: int) -> Rows:
         return memory[number]
     rows = folder.rows(number)
     if rows is None:
-        raise ArgumentError(f"{folder.path}: shard {number} was removed while the sweep ran; resume the sweep")
+        raise ArgumentError(
+            f"{folder.path}: shard {number} was removed while the sweep ran; resume the sweep"
+        )
     return rows
 
 
@@ -224,7 +249,9 @@ def _read(case: Case) -> tuple[str, RobotModel | str]:
     try:
         robot = case.robot()
     except Exception as error:  # a wrong value in one parameter set must not lose the others
-        reason = str(error) if isinstance(error, FlexgenError) else f"{type(error).__name__}: {error}"
+        reason = (
+            str(error) if isinstance(error, FlexgenError) else f"{type(error).__name__}: {error}"
+        )
         return f"unreadable: {reason}", reason
     return model_digest(robot), robot
 

@@ -39,20 +39,41 @@ RESULTS = (
     Column("method_used", "text", "", "method of the solution"),
     Column("status", "text", "", "of the solution; failed where there is none"),
     Column("verdict", "text", "", "message of the solver"),
-    Column("tool_error_max", "float", "m", "largest distance of the simulated output from the path"),
-    Column("turn_error_max", "float", "rad", "largest angle between the simulated output and the path"),
-    Column("plan_error_max", "float", "m", "simulated distance from the modified path, where limits are active"),
-    Column("plan_turn_error_max", "float", "rad", "simulated angle from the modified path, where limits are active"),
+    Column(
+        "tool_error_max", "float", "m", "largest distance of the simulated output from the path"
+    ),
+    Column(
+        "turn_error_max", "float", "rad", "largest angle between the simulated output and the path"
+    ),
+    Column(
+        "plan_error_max",
+        "float",
+        "m",
+        "simulated distance from the modified path, where limits are active",
+    ),
+    Column(
+        "plan_turn_error_max",
+        "float",
+        "rad",
+        "simulated angle from the modified path, where limits are active",
+    ),
     Column("torque_max", "float", "N m", "largest motor torque, motor side"),
     Column("torque_rms", "float", "N m", "largest root mean square torque of a motor"),
     Column("speed_max", "float", "rad/s", "largest motor speed, motor side"),
     Column("energy", "float", "J", "work done by all motors"),
-    Column("residual_max", "float", "N m", "largest residual of the equations of motion between the samples"),
+    Column(
+        "residual_max",
+        "float",
+        "N m",
+        "largest residual of the equations of motion between the samples",
+    ),
     Column("residual_relative", "float", "1", "residual relative to the largest torque in its row"),
     Column("energy_error", "float", "1", "relative error of the energy balance in the simulation"),
     Column("iterations", "int", "1", "of the solver"),
     Column("samples", "int", "1", "of the trajectory"),
-    Column("preactuation", "float", "s", "pre-actuation: how long before the path the motion begins"),
+    Column(
+        "preactuation", "float", "s", "pre-actuation: how long before the path the motion begins"
+    ),
     Column("warnings", "text", "", "separated by line breaks"),
     Column("error", "text", "", "reason where there is no solution"),
 )
@@ -86,14 +107,18 @@ class Table:
         for column in self.columns:
             values = self.values[column.name]
             out.update(f"{column.name} {column.kind} {column.unit} {len(values)}\n".encode())
-            out.update(json.dumps(values.tolist()).encode() if column.kind == "text" else values.tobytes())
+            out.update(
+                json.dumps(values.tolist()).encode() if column.kind == "text" else values.tobytes()
+            )
         return out.hexdigest()
 
     def save(self, path: str | Path) -> Path:
         """Write to ``path``, ``.npz`` or ``.parquet`` (needs pyarrow); equal tables give equal npz files."""
         path = Path(path)
         if path.suffix not in (".npz", ".parquet"):
-            raise ArgumentError(f"table: given {path.name!r}, expected a name that ends in .npz or .parquet")
+            raise ArgumentError(
+                f"table: given {path.name!r}, expected a name that ends in .npz or .parquet"
+            )
         with atomic_file(path) as stream:
             if path.suffix == ".npz":
                 head = json.dumps([[c.name, c.kind, c.unit, c.doc] for c in self.columns])
@@ -111,7 +136,9 @@ class Table:
         except FileNotFoundError:
             raise ArgumentError(f"table: given {str(path)!r}, which does not exist") from None
         except OSError as error:
-            raise ArgumentError(f"table: given {str(path)!r}, which cannot be read ({error.strerror})") from None
+            raise ArgumentError(
+                f"table: given {str(path)!r}, which cannot be read ({error.strerror})"
+            ) from None
         except NpzError as error:
             raise ArgumentError(f"table: given {str(path)!r}, {error}") from None
         problem, columns = _columns(arrays)
@@ -124,7 +151,9 @@ class Table:
 
 def are_rows(rows: Any, columns: Sequence[Column], cases: Sequence[int]) -> bool:
     """Whether a value of a file is a list of rows with these columns, one for each case."""
-    if not isinstance(rows, list) or [row.get("case") if isinstance(row, dict) else None for row in rows] != [*cases]:
+    if not isinstance(rows, list) or [
+        row.get("case") if isinstance(row, dict) else None for row in rows
+    ] != [*cases]:
         return False
     kinds = {column.name: column.kind for column in columns}
     return all(_is_entry(kinds.get(name), value) for row in rows for name, value in row.items())
@@ -168,7 +197,10 @@ def table_of(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]]) -> Ta
     for row in rows:
         for column in columns:
             lists[column.name].append(_entry(column.kind, row.get(column.name)))
-    return Table(tuple(columns), {column.name: np.array(lists[column.name], _TYPES[column.kind]) for column in columns})
+    return Table(
+        tuple(columns),
+        {column.name: np.array(lists[column.name], _TYPES[column.kind]) for column in columns},
+    )
 
 
 def _entry(kind: str, value: Any) -> Any:
@@ -188,6 +220,9 @@ def _save_parquet(table: Table, stream: BinaryIO) -> None:
             f"table: given .parquet, which needs the package pyarrow ({error}); run: pip install pyarrow, or take .npz"
         ) from None
     kinds = {"int": pa.int64(), "float": pa.float64(), "text": pa.string()}
-    fields = [pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "doc": c.doc}) for c in table.columns]
+    fields = [
+        pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "doc": c.doc})
+        for c in table.columns
+    ]
     arrays = [pa.array(table.values[c.name].tolist(), kinds[c.kind]) for c in table.columns]
     parquet.write_table(pa.table(arrays, schema=pa.schema(fields)), stream)

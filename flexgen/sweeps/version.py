@@ -29,7 +29,9 @@ def code_version(native: bool = False) -> str:
     digest = hashlib.sha256()
     root = Path(flexgen.__file__).resolve().parent
     for path in sorted(path for path in root.rglob("*") if path.suffix in SOURCES):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+        digest.update(
+            path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0"
+        )
     for package in NUMERICAL:
         digest.update(f"{package} {_find_version(package)}\n".encode())
     digest.update(f"compiler {_compiler(native)}\n".encode())
@@ -53,7 +55,11 @@ def _compiler(native: bool) -> str:
     """Identity of the compiler; "none" without one, "unusable" where $CC is not a working compiler."""
     try:
         # libraries for any instruction set give the same bits: workers on different processors can share a sweep
-        compiler = find_compiler(native=True) if native else find_compiler(isa="x86-64" if X86 else "native")
+        compiler = (
+            find_compiler(native=True)
+            if native
+            else find_compiler(isa="x86-64" if X86 else "native")
+        )
     except BuildError:  # the cases that need it report the reason
         return "unusable"
     return "none" if compiler is None else compiler.identity

@@ -22,12 +22,15 @@ from flexgen.spec.ports import c_name_problem
 from flexgen.spec.tables import bare
 from flexgen.templates.template_names import TEMPLATES
 
-FREQUENCY, DAMPING = 20.0, 0.03  # Hz with locked motors and damping ratio of the gears of an overlay
+# Hz with locked motors and damping ratio of the gears of an overlay
+FREQUENCY, DAMPING = 20.0, 0.03
 RATIO, RATIO_TRANSLATION = 100.0, 500.0  # rad/rad, rad/m
 STEP = 0.3  # rad or m, of the move of an overlay
 
 
-def new_model(name: str, template: str = "planar", urdf: str | None = None, folder: str | Path = ".") -> str:
+def new_model(
+    name: str, template: str = "planar", urdf: str | None = None, folder: str | Path = "."
+) -> str:
     """The text of a new model file.
 
     Parameters
@@ -68,18 +71,34 @@ def _overlay(name: str, given: str, folder: Path) -> str:
     file, _, ends = given.partition("#")
     path = locate(file, Path())
     if path is None:
-        raise ArgumentError(f"urdf: given {file!r}, which is not a file, expected FILE.urdf or FILE.urdf#BASE:TIP")
+        raise ArgumentError(
+            f"urdf: given {file!r}, which is not a file, expected FILE.urdf or FILE.urdf#BASE:TIP"
+        )
     urdf = Urdf(path, file)
     base, _, tip = ends.partition(":") if ends else _longest(urdf)
     for what, link in (("BASE", base), ("TIP", tip)):
         if link not in urdf.links:
-            raise ArgumentError(f"urdf: given {link!r} as {what}, expected a link of {file}: {among(link, urdf.links)}")
+            raise ArgumentError(
+                f"urdf: given {link!r} as {what}, expected a link of {file}: {among(link, urdf.links)}"
+            )
     chain = _above(urdf, tip)
-    lock = [joint.name for joint in urdf.joints.values() if joint.type in MOVING and joint.name not in chain]
-    table = [f'base = "{base}"', f'tip = "{tip}"', *([f"lock = {json.dumps(lock)}  # at zero"] if lock else [])]
+    lock = [
+        joint.name
+        for joint in urdf.joints.values()
+        if joint.type in MOVING and joint.name not in chain
+    ]
+    table = [
+        f'base = "{base}"',
+        f'tip = "{tip}"',
+        *([f"lock = {json.dumps(lock)}  # at zero"] if lock else []),
+    ]
     with TemporaryDirectory() as place:  # the rigid robot
         rigid = Path(place) / "rigid.toml"
-        rigid.write_text("\n".join([f'name = "{name}"', "[urdf]", f"file = {json.dumps(str(path.resolve()))}", *table]))
+        rigid.write_text(
+            "\n".join(
+                [f'name = "{name}"', "[urdf]", f"file = {json.dumps(str(path.resolve()))}", *table]
+            )
+        )
         robot = read(rigid)
     home = np.array(robot.home)
     inertia = np.diag(mass_matrix(robot, home))
@@ -162,4 +181,11 @@ def _longest(urdf: Urdf) -> tuple[str, str, str]:
     """The root link of a URDF file, and the link behind the most moving joints."""
     root = next(name for name in urdf.links if name not in urdf.parent_joint)
     inner = {joint.parent for joint in urdf.joints.values()}
-    return root, "", max((name for name in urdf.links if name not in inner), key=lambda name: len(_above(urdf, name)))
+    return (
+        root,
+        "",
+        max(
+            (name for name in urdf.links if name not in inner),
+            key=lambda name: len(_above(urdf, name)),
+        ),
+    )

@@ -44,7 +44,11 @@ class Bristles(MotorBristles):
         """Derivative of `step` in ``dp``, g(v) constant; s0 where dp is zero."""
         end, left = self._limit(dp[..., None, :])
         turned = np.where(dp < 0.0, -1.0, 1.0)[..., None, :]
-        return np.asarray(self.stiffness * np.maximum(1.0 - turned * y / np.maximum(np.abs(end), 1e-300), 0.0) * left)
+        return np.asarray(
+            self.stiffness
+            * np.maximum(1.0 - turned * y / np.maximum(np.abs(end), 1e-300), 0.0)
+            * left
+        )
 
     def _limit(self, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The torque that y goes to, and the part of its distance that is left."""
@@ -57,4 +61,6 @@ def bristles_of(models: list[RobotModel], h: float) -> Bristles:
     """The bristles of robots of one kind, for steps of time ``h`` [s]."""
     laws = [motor_bristles(model) for model in models]
     names = "coulomb", "static", "stribeck_speed", "stiffness", "damping"
-    return Bristles(**{name: np.array([getattr(law, name) for law in laws])[:, None] for name in names}, h=h)
+    return Bristles(
+        **{name: np.array([getattr(law, name) for law in laws])[:, None] for name in names}, h=h
+    )

@@ -32,7 +32,10 @@ class Gears:
     def laws(self) -> list[tuple[HysteresisLaw, np.ndarray]]:
         """Each law, and the elements (layers, n_g) that have it."""
         found = dict.fromkeys(law for layer in self.of_layers for law in layer)
-        return [(law, np.array([[law == each for each in layer] for layer in self.of_layers])) for law in found]
+        return [
+            (law, np.array([[law == each for each in layer] for layer in self.of_layers]))
+            for law in found
+        ]
 
     @property
     def weights(self) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +71,10 @@ class Gears:
 def gears_of(models: list[RobotModel]) -> Gears:
     """The elements of robots of one kind."""
     layers = [gear_layers(model) for model in models]
-    K, W = (np.array([[getattr(x, name) for x in each] for each in layers]) for name in ("stiffness", "slip"))
+    K, W = (
+        np.array([[getattr(x, name) for x in each] for each in layers])
+        for name in ("stiffness", "slip")
+    )
     return Gears(K, W, tuple(layer.laws for layer in layers[0]))
 
 

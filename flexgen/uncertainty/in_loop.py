@@ -17,19 +17,24 @@ from flexgen.uncertainty.sources import PAYLOAD, sources_of
 DRAWN = 64  # robots
 
 
-def draw_plants(model: RobotModel, robots: int = DRAWN, seed: int = 0) -> dict[str, dict[str, float]]:
+def draw_plants(
+    model: RobotModel, robots: int = DRAWN, seed: int = 0
+) -> dict[str, dict[str, float]]:
     """Robots drawn from the table ``[uncertainty]`` as `flexgen.control` takes them: ``{"drawn_1": {...}, ...}``.
 
     Their delays are those of the model.
     """
     assert model.uncertainty is not None
     sources = sources_of(model, model.uncertainty)
-    errors = sources.errors(np.random.default_rng(seed).standard_normal((robots, sources.root.shape[1])))
+    errors = sources.errors(
+        np.random.default_rng(seed).standard_normal((robots, sources.root.shape[1]))
+    )
     added, out = sources.added[sources.owner], {}
     for k, error in enumerate(errors[:, sources.owner], 1):
         named = zip(sources.parameters, error, added, strict=True)
         out[f"drawn_{k}"] = {
-            "payload" if add and p.name == PAYLOAD else p.name: float(x if add else 1.0 + x) for p, x, add in named
+            "payload" if add and p.name == PAYLOAD else p.name: float(x if add else 1.0 + x)
+            for p, x, add in named
         }
     return out
 
@@ -47,7 +52,10 @@ def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> d
     plants = draw_plants(run.model)
     found = control(run.model, plants=plants, solution=run.solution, progress=progress, **options)
     robots = [found[name] for name in plants]
-    out: dict[str, Any] = {"robots": len(robots), "failed": sum(bool(robot.failure) for robot in robots)}
+    out: dict[str, Any] = {
+        "robots": len(robots),
+        "failed": sum(bool(robot.failure) for robot in robots),
+    }
     if run.model.uncertainty is not None and run.model.uncertainty.delay:
         out["without_delay"] = True
     for unit in UNITS:
@@ -62,9 +70,15 @@ def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> d
 
 def error_text(found: dict[str, Any]) -> str:
     """What `error_in_loop` returns in words."""
-    sizes = [f"<= {format_size(found[f'error_{u}'], u)}" for u in UNITS if found[f"error_{u}"] is not None]
+    sizes = [
+        f"<= {format_size(found[f'error_{u}'], u)}"
+        for u in UNITS
+        if found[f"error_{u}"] is not None
+    ]
     failed = f", {found['failed']} of them stopped early" if found["failed"] else ""
     inside = int(np.ceil(LEVEL * found["robots"]))
-    without = "without disturbances and delays" if found.get("without_delay") else "without disturbances"
+    without = (
+        "without disturbances and delays" if found.get("without_delay") else "without disturbances"
+    )
     drawn = f"{inside} of {found['robots']} robots drawn from [uncertainty], {without}{failed}"
     return f"error {' and '.join(sizes) or 'not known'} of {drawn}"

@@ -69,7 +69,9 @@ class PlannedStates:
     def _law(self, errors: np.ndarray) -> Law:
         names = [parameter.name for parameter in self.sources.parameters]
         values = self.sources.values(errors)
-        return self.law_of([with_values(self.model, dict(zip(names, x.tolist(), strict=True))) for x in values])
+        return self.law_of(
+            [with_values(self.model, dict(zip(names, x.tolist(), strict=True))) for x in values]
+        )
 
 
 def plan_states(
@@ -133,7 +135,9 @@ class RobotStates(States):
         A, B = self.law.weights
         after, dp = self._after(k, change), change + self.plan.p[k] - self.plan.p[k - 1]
         rise = A * self.law.rise(self.y, after, dp)
-        return np.asarray((A * after - B * self.y).sum(axis=1) - self._planned[k]), np.asarray(rise.sum(axis=1))
+        return np.asarray((A * after - B * self.y).sum(axis=1) - self._planned[k]), np.asarray(
+            rise.sum(axis=1)
+        )
 
 
 class LinearStates(States):
@@ -145,9 +149,9 @@ class LinearStates(States):
         small = CHANGE * own.largest[0]
         self._by_y = (own.step(first + small, dp) - own.step(first - small, dp)) / (2 * small)
         self._by_p = own.rise(first, after, dp)
-        self._by_number = (more.step(first[:, None], dp[:, None]) - less.step(first[:, None], dp[:, None])) / (
-            2 * CHANGE
-        )
+        self._by_number = (
+            more.step(first[:, None], dp[:, None]) - less.step(first[:, None], dp[:, None])
+        ) / (2 * CHANGE)
         self._own, self._more, self._less = own, more, less
 
     def _after(self, k: int, change: np.ndarray) -> np.ndarray:
@@ -156,7 +160,12 @@ class LinearStates(States):
 
     def _torque(self, k: int, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A, B = self._own.weights
-        of_weights = [(x - y) / (2 * CHANGE) for x, y in zip(self._more.weights, self._less.weights, strict=True)]
+        of_weights = [
+            (x - y) / (2 * CHANGE)
+            for x, y in zip(self._more.weights, self._less.weights, strict=True)
+        ]
         planned = of_weights[0] * self.plan.y[k] - of_weights[1] * self.plan.y[k - 1]
         torque = A * self._after(k, change) - B * self.y + planned
-        return np.asarray(torque.sum(axis=1)), np.asarray((A * self._by_p[k - 1]).reshape(self.y.shape[1:]).sum(axis=0))
+        return np.asarray(torque.sum(axis=1)), np.asarray(
+            (A * self._by_p[k - 1]).reshape(self.y.shape[1:]).sum(axis=0)
+        )

@@ -39,5 +39,7 @@ def with_uncertainty(text: str, names: Sequence[str], covariance: np.ndarray) ->
     rest = text[header.end() :]
     end = re.search(r"^\[(?!\s*$)[^\n]*\]", rest, re.MULTILINE)
     own, after = (rest, "") if end is None else (rest[: end.start()], rest[end.start() :])
-    own = re.sub(r"^(?:parameters|sd|correlation) *= *\[[^\]]*\][^\n]*\n", "", own, flags=re.MULTILINE)
+    own = re.sub(
+        r"^(?:parameters|sd|correlation) *= *\[[^\]]*\][^\n]*\n", "", own, flags=re.MULTILINE
+    )
     return f"{text[: header.end()]}{lines}{own}{after}"

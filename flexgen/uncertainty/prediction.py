@@ -29,7 +29,8 @@ from flexgen.uncertainty.result import UNITS, Band, Prediction, Share
 from flexgen.uncertainty.sources import Sources, sources_of
 
 LEVEL = 0.95  # of the robots are below the error
-DRAWN, IN_BANDS, INSTANTS = 4000, 400, 200  # robots to first order; of them in bands; instants of both
+# robots to first order; of them in bands; instants of both
+DRAWN, IN_BANDS, INSTANTS = 4000, 400, 200
 FEWEST = 16  # robots
 USABLE = (Status.SOLVED, Status.LIMITS_EXCEEDED)
 
@@ -104,7 +105,9 @@ def predict(
     along = linearize(equations, solution.trajectory, sources)
     first = linear_response(along)
     tell(f"simulating {robots} robots")
-    errors = sources.errors(np.random.default_rng(seed_of(seed)).standard_normal((DRAWN, sources.root.shape[1])))
+    errors = sources.errors(
+        np.random.default_rng(seed_of(seed)).standard_normal((DRAWN, sources.root.shape[1]))
+    )
     found = response(along, errors[:robots])
     return _prediction(solution, sources, along, first, found, errors, seed)
 
@@ -127,7 +130,8 @@ def _prediction(
     """The figures of simulated robots ``found``, whose errors are the first of ``errors``."""
     robots = found.error.shape[1]
     at = np.unique(np.linspace(0, len(along.t) - 1, INSTANTS).astype(int))
-    effective = np.where(sources.springs, errors / (1.0 + errors), errors)  # a deflection is a force over a stiffness
+    # a deflection is a force over a stiffness
+    effective = np.where(sources.springs, errors / (1.0 + errors), errors)
     simulated: dict[str, np.ndarray | None] = {}
     stated: dict[str, float | None] = {}
     sizes: dict[str, Any] = {}
@@ -197,7 +201,9 @@ def _shares(sources: Sources, rows: np.ndarray) -> tuple[Share, ...]:
     return tuple(Share(sources.names[i], sources.kinds[i], float(parts[i])) for i in order)
 
 
-def _to_halve(sources: Sources, shares: tuple[Share, ...], rows: np.ndarray, errors: np.ndarray) -> tuple[str, ...]:
+def _to_halve(
+    sources: Sources, shares: tuple[Share, ...], rows: np.ndarray, errors: np.ndarray
+) -> tuple[str, ...]:
     """The fewest of the largest sources without which the error is half of what it is, to first order."""
     half = np.quantile(_largest(rows, errors), LEVEL) / 2
     order = [sources.names.index(share.name) for share in shares]

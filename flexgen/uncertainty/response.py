@@ -42,7 +42,8 @@ from flexgen.uncertainty.memory_states import PlannedStates, States, plan_states
 from flexgen.uncertainty.sources import DELAY, Sources, of_equations
 
 STEPS, FEWEST, MOST = 12.0, 200, 1500  # in a period of the speed control; in the motion
-KNOTS, DENSER = 60, 3.0  # instants at which matrices are evaluated, linear between them; more of them where it moves
+# instants at which matrices are evaluated, linear between them; more of them where it moves
+KNOTS, DENSER = 60, 3.0
 PROBES = (0.0, 0.4, 1.0)  # parts of the time at which matrices are compared: at rest and in motion
 SAME = 1e-9  # relative to their largest entry
 SHORT = 0.1  # of a step, for the derivative of the torques
@@ -114,7 +115,9 @@ class Response:
 def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) -> Along:
     """The equations of deviations from the motion of a trajectory."""
     model, first, last = equations.model, float(trajectory.time[0]), float(trajectory.time[-1])
-    feedback = default_feedback(equations, *(trajectory[name][0] for name in ("q_a", "q_m", "tau_m")))
+    feedback = default_feedback(
+        equations, *(trajectory[name][0] for name in ("q_a", "q_m", "tau_m"))
+    )
     steps = np.ceil(STEPS * feedback.frequencies["speed_hz"] * (last - first))
     t = np.linspace(first, last, int(np.clip(steps, FEWEST, MOST)) + 1)
     motion = trajectory.at(t)
@@ -144,12 +147,17 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
         return np.einsum("kij,rkj->kri", B, change)
 
     if delay is not None:
-        short = min(SHORT * float(t[1] - t[0]), float(sources.sd[delay])) * np.eye(len(sources.sd))[[delay]]
+        short = (
+            min(SHORT * float(t[1] - t[0]), float(sources.sd[delay]))
+            * np.eye(len(sources.sd))[[delay]]
+        )
         force[delay] += (late(short) - late(-short))[:, 0] / (2 * short[0, delay])
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
     motors = tuple(motor.name for motor in model.motors)
     rest = motion, states, np.arange(len(sources.names)) != delay, late
-    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, *rest)
+    return Along(
+        t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, *rest
+    )
 
 
 def _knots(v_a: np.ndarray) -> np.ndarray:
@@ -202,7 +210,12 @@ def _changes(
     for group, _ in together:
         errors = np.zeros(len(sd))
         errors[group] = sd[group]
-        found = np.array([x - y for x, y in zip(local.matrices(points, sources.values(errors)), own, strict=False)])
+        found = np.array(
+            [
+                x - y
+                for x, y in zip(local.matrices(points, sources.values(errors)), own, strict=False)
+            ]
+        )
         for k in group:
             M, D, K = found * places[k][:, None] / sd[k]
             varying[k] = M, D, K
@@ -218,11 +231,15 @@ def _output_rows(equations: Equations, q_a: np.ndarray) -> tuple[np.ndarray, tup
     if model.output.type == "tool_pose":
         units = (*units, "rad", "rad", "rad")
     W = np.zeros((len(q_a), len(units), model.dof))
-    W[:, :, : model.n_a] = evaluate(output_jacobian(equations), q_a)[0].reshape(len(q_a), len(units), -1)
+    W[:, :, : model.n_a] = evaluate(output_jacobian(equations), q_a)[0].reshape(
+        len(q_a), len(units), -1
+    )
     return W, units
 
 
-def _deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
+def _deflections(
+    model: RobotModel, motion: dict[str, np.ndarray]
+) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
     """Rows from deviations to deflections of elastic gears, arm side, and springs without motor; their planned ones."""
     rows, names, planned = [], [], []
     for k, (i, row) in enumerate(zip(model.i_g, gear_rows(model), strict=True)):
@@ -235,7 +252,11 @@ def _deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> tuple[np.n
         names.append(model.coordinates[i].name)
         planned.append(motion["q_a"][:, i])
     count, instants = len(rows), len(motion["q_a"])  # a rigid robot has no rows
-    return np.array(rows).reshape(count, model.dof), tuple(names), np.array(planned).reshape(count, instants).T
+    return (
+        np.array(rows).reshape(count, model.dof),
+        tuple(names),
+        np.array(planned).reshape(count, instants).T,
+    )
 
 
 def _gear_deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> np.ndarray:
@@ -249,9 +270,17 @@ def _states(
     """States of gears and of frictions along a motion in steps of ``h`` [s]; ``motors``: rows to the motor angles."""
     out = []
     if hysteretic_joints(model):
-        out.append(plan_states(model, sources, gears_of, gear_rows(model), _gear_deflections(model, motion)))
+        out.append(
+            plan_states(
+                model, sources, gears_of, gear_rows(model), _gear_deflections(model, motion)
+            )
+        )
     if bristled_motors(model):
-        out.append(plan_states(model, sources, lambda robots: bristles_of(robots, h), motors, motion["q_m"]))
+        out.append(
+            plan_states(
+                model, sources, lambda robots: bristles_of(robots, h), motors, motion["q_m"]
+            )
+        )
     return tuple(out)
 
 
@@ -260,7 +289,11 @@ def linear_response(along: Along) -> Response:
     parts = along.M, along.D, along.K
     states = [each.linear() for each in along.states]
     return _integrate(
-        along, len(along.force), lambda k: (parts[0][k], parts[1][k], parts[2][k]), lambda k: along.force[:, k], states
+        along,
+        len(along.force),
+        lambda k: (parts[0][k], parts[1][k], parts[2][k]),
+        lambda k: along.force[:, k],
+        states,
     )
 
 
@@ -268,7 +301,10 @@ def response(along: Along, errors: np.ndarray) -> Response:
     """Response of robots whose sources have these errors (robots, sources), with the matrices of each."""
     own = [np.tensordot(errors, x, 1) for x in along.constant]
     some, n = list(along.varying), along.M.shape[1]
-    changes = [np.array([along.varying[j][i] for j in some]).reshape(len(some), len(along.t), n * n) for i in range(3)]
+    changes = [
+        np.array([along.varying[j][i] for j in some]).reshape(len(some), len(along.t), n * n)
+        for i in range(3)
+    ]
     by_time = [np.ascontiguousarray(x.transpose(1, 0, 2)) if x.any() else None for x in changes]
     given = errors[:, some]
 
@@ -281,7 +317,9 @@ def response(along: Along, errors: np.ndarray) -> Response:
 
     states, late = [each.robots(errors) for each in along.states], along.late(errors)
     known = errors * along.linear
-    return _integrate(along, len(errors), matrices, lambda k: known @ along.force[:, k] + late[k], states)
+    return _integrate(
+        along, len(errors), matrices, lambda k: known @ along.force[:, k] + late[k], states
+    )
 
 
 def _integrate(
@@ -298,7 +336,9 @@ def _integrate(
     d, total, u = _rest(along, matrices(0)[2], force(0))
     v, a = np.zeros((robots, n)), np.zeros((robots, n))
     w = -(d @ (k_p * C).T)
-    out = Response(*(np.empty((len(along.t), robots, m)) for m in (along.W.shape[1], n_m, len(along.twist))))
+    out = Response(
+        *(np.empty((len(along.t), robots, m)) for m in (along.W.shape[1], n_m, len(along.twist)))
+    )
     per_torque = (1.0 + k_i * h / 2) * k_s
     for each in states:
         each.start(d)
@@ -316,7 +356,11 @@ def _integrate(
             for each in states:
                 own, rise = each.at(k, d)
                 left, right = left + h * h / 4 * rise, right - own
-            a = np.linalg.solve(left, right.T).T if left.ndim == 2 else np.linalg.solve(left, right[..., None])[..., 0]
+            a = (
+                np.linalg.solve(left, right.T).T
+                if left.ndim == 2
+                else np.linalg.solve(left, right[..., None])[..., 0]
+            )
             d, v = d + h * h / 4 * a, v + h / 2 * a
             for each in states:
                 each.keep(k, d)
@@ -332,12 +376,18 @@ def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x @ A.T if A.ndim == 2 else np.matmul(A, x[..., None])[..., 0]
 
 
-def _rest(along: Along, K: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rest(
+    along: Along, K: np.ndarray, force: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Deviations at rest with the motors at their reference, integral of w, and torques of the feedback."""
     f, (n_m, n) = along.feedback, along.feedback.rows.shape
     A = np.zeros((*K.shape[:-2], n + n_m, n + n_m))
     A[..., :n, :n], A[..., :n, n:], A[..., n:, :n] = K, -along.B[0], f.rows
     right = np.concatenate([-force, np.zeros((len(force), n_m))], axis=1)
-    found = np.linalg.solve(A, right.T).T if A.ndim == 2 else np.linalg.solve(A, right[..., None])[..., 0]
+    found = (
+        np.linalg.solve(A, right.T).T
+        if A.ndim == 2
+        else np.linalg.solve(A, right[..., None])[..., 0]
+    )
     d, u = found[:, :n], found[:, n:]
     return d, u / (f.speed_gain * f.integral_gain), u

@@ -97,7 +97,9 @@ class Prediction(Result):
 
     def __str__(self) -> str:
         """The figures as lines."""
-        return "\n".join([self.solution.model.title + ", move " + self.solution.move.name, *self.lines()])
+        return "\n".join(
+            [self.solution.model.title + ", move " + self.solution.move.name, *self.lines()]
+        )
 
     @property
     def problem(self) -> str:
@@ -111,12 +113,20 @@ class Prediction(Result):
     def sentence(self) -> str:
         """The error in words."""
         what = "output" if self.solution.model.output.type == "combination" else "tool"
-        values = [f"<= {format_size(x, u)}" for x, u in ((self.error_m, "m"), (self.error_rad, "rad")) if x is not None]
+        values = [
+            f"<= {format_size(x, u)}"
+            for x, u in ((self.error_m, "m"), (self.error_rad, "rad"))
+            if x is not None
+        ]
         return f"{what} error 95 % {' and '.join(values) or 'not known: ' + self.problem}"
 
     def lines(self) -> list[str]:
         """The main figures in words."""
-        shown = [f"{share.name} {100 * share.share:.0f} %" for share in self.shares[:SHOWN] if share.share >= 0.005]
+        shown = [
+            f"{share.name} {100 * share.share:.0f} %"
+            for share in self.shares[:SHOWN]
+            if share.share >= 0.005
+        ]
         few = self.to_halve[:SHOWN]
         more = f" and {len(self.to_halve) - SHOWN} more" if len(self.to_halve) > SHOWN else ""
         count = f"{len(self.sources)} uncertain numbers, {self.robots} robots simulated"
@@ -131,9 +141,17 @@ class Prediction(Result):
         """The figures in SI units, for tables."""
         what = "output" if self.solution.model.output.type == "combination" else "tool"
         return (
-            Figure(f"{what} error with motor feedback that 95 % of the robots keep", self.error_m, "m", "error_m"),
             Figure(
-                f"{what} error with motor feedback that 95 % of the robots keep", self.error_rad, "rad", "error_rad"
+                f"{what} error with motor feedback that 95 % of the robots keep",
+                self.error_m,
+                "m",
+                "error_m",
+            ),
+            Figure(
+                f"{what} error with motor feedback that 95 % of the robots keep",
+                self.error_rad,
+                "rad",
+                "error_rad",
             ),
             Figure("motor feedback", self.feedback.title, "", "motor_feedback"),
             Figure("uncertain numbers", len(self.sources), "", "sources"),
@@ -151,6 +169,14 @@ class Prediction(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The figures as JSON types, SI units."""
-        own = {name: value for name, value in self._entries().items() if name not in ("solution", "feedback")}
+        own = {
+            name: value
+            for name, value in self._entries().items()
+            if name not in ("solution", "feedback")
+        }
         named = {"model": self.solution.model.title, "move": self.solution.move.name}
-        return named | {"motor_feedback": self.feedback.title} | {name: plain(value) for name, value in own.items()}
+        return (
+            named
+            | {"motor_feedback": self.feedback.title}
+            | {name: plain(value) for name, value in own.items()}
+        )

@@ -24,7 +24,8 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.spec.parts import Tolerances
 
-WEAK = 0.2  # relative standard deviation; a normal number of this one is negative once in 3.5 million
+# relative standard deviation; a normal number of this one is negative once in 3.5 million
+WEAK = 0.2
 PAYLOAD, LOST, DELAY = "payload.mass", "lost_motion", "delay"
 NONE = -1
 ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
@@ -70,7 +71,11 @@ class Sources:
     @property
     def springs(self) -> np.ndarray:
         """Which sources are stiffnesses, (n,)."""
-        stiff = {k for k, p in zip(self.owner, self.parameters, strict=True) if p.name.endswith(".stiffness")}
+        stiff = {
+            k
+            for k, p in zip(self.owner, self.parameters, strict=True)
+            if p.name.endswith(".stiffness")
+        }
         return np.array([k in stiff for k in range(len(self.names))])
 
     def errors(self, z: np.ndarray) -> np.ndarray:
@@ -103,10 +108,16 @@ def of_equations(sources: Sources, model: RobotModel) -> Sources:
 
     Where they have none, the mass of the payload, which no source changes.
     """
-    kept = [k for k, p in enumerate(sources.parameters) if ".hysteresis." not in p.key and ".lugre." not in p.key]
+    kept = [
+        k
+        for k, p in enumerate(sources.parameters)
+        if ".hysteresis." not in p.key and ".lugre." not in p.key
+    ]
     if not kept:
         return replace(sources, parameters=select(model, [PAYLOAD]), owner=np.array([NONE]))
-    return replace(sources, parameters=tuple(sources.parameters[k] for k in kept), owner=sources.owner[kept])
+    return replace(
+        sources, parameters=tuple(sources.parameters[k] for k in kept), owner=sources.owner[kept]
+    )
 
 
 def sources_of(model: RobotModel, given: Tolerances) -> Sources:
@@ -128,12 +139,18 @@ def sources_of(model: RobotModel, given: Tolerances) -> Sources:
     rows: list[tuple[str, str, float, list[Parameter]]] = []
     for kind, sd, groups in _kinds(model, given):
         for name, parameters in groups.items():
-            free = [p for p in parameters if p.name not in taken and (p.value != 0.0 or kind == "payload")]
+            free = [
+                p
+                for p in parameters
+                if p.name not in taken and (p.value != 0.0 or kind == "payload")
+            ]
             if sd > 0.0 and (free or kind == DELAY):
                 rows.append((name, kind, sd, free))
     uncertain = [p for p in named if given.sd[given.parameters.index(p.name)] > 0.0]
     order = [given.parameters.index(p.name) for p in uncertain]
-    rows += [(p.name, "parameters", given.sd[k], [p]) for k, p in zip(order, uncertain, strict=True)]
+    rows += [
+        (p.name, "parameters", given.sd[k], [p]) for k, p in zip(order, uncertain, strict=True)
+    ]
     if not rows:
         raise ArgumentError(
             f"uncertainty of {model.title}: given standard deviations of no number that the model has, expected a "
@@ -143,17 +160,24 @@ def sources_of(model: RobotModel, given: Tolerances) -> Sources:
     owner = {p.name: k for k, row in enumerate(rows) for p in row[3]}
     root = _root(rows, given, order)
     names, kinds, spreads, _ = zip(*rows, strict=True)
-    return Sources(names, kinds, np.array(spreads), root, every, np.array([owner[p.name] for p in every]))
+    return Sources(
+        names, kinds, np.array(spreads), root, every, np.array([owner[p.name] for p in every])
+    )
 
 
-def _kinds(model: RobotModel, given: Tolerances) -> list[tuple[str, float, dict[str, list[Parameter]]]]:
+def _kinds(
+    model: RobotModel, given: Tolerances
+) -> list[tuple[str, float, dict[str, list[Parameter]]]]:
     """Kind, standard deviation and the numbers of each source of that kind by its name."""
     bodies = [element.name for element in model.elements if element.body.mass > 0.0]
     inertias = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "yz", "xz")]
     springs: dict[str, list[Parameter]] = {}
     for parameter in _forces(model, "stiffness"):
         springs.setdefault(f"{parameter.name.partition('.')[0]}.stiffness", []).append(parameter)
-    masses = {f"{body}.mass": list(select(model, [f"{body}.{x}" for x in ("mass", *inertias)])) for body in bodies}
+    masses = {
+        f"{body}.mass": list(select(model, [f"{body}.{x}" for x in ("mass", *inertias)]))
+        for body in bodies
+    }
     single = {kind: {p.name: [p] for p in _forces(model, kind)} for kind in ("damping", "friction")}
     rotors = {f"{m.name}.inertia": list(select(model, [f"{m.name}.inertia"])) for m in model.motors}
     payload = {PAYLOAD: list(select(model, [PAYLOAD]))}
@@ -164,7 +188,14 @@ def _kinds(model: RobotModel, given: Tolerances) -> list[tuple[str, float, dict[
         single["friction"][f"{motor}.lugre"] = list(
             select(model, [f"{motor}.lugre_{x}" for x in ("coulomb", "static")])
         )
-    found = {"stiffness": springs, **single, "masses": masses, "motor_inertia": rotors, LOST: lost, "payload": payload}
+    found = {
+        "stiffness": springs,
+        **single,
+        "masses": masses,
+        "motor_inertia": rotors,
+        LOST: lost,
+        "payload": payload,
+    }
     found |= {DELAY: {DELAY: []}}
     return [(kind, getattr(given, kind), groups) for kind, groups in found.items()]
 
@@ -177,7 +208,9 @@ def _forces(model: RobotModel, kind: str) -> list[Parameter]:
         return []
 
 
-def _root(rows: Sequence[tuple[str, str, float, list[Parameter]]], given: Tolerances, order: list[int]) -> np.ndarray:
+def _root(
+    rows: Sequence[tuple[str, str, float, list[Parameter]]], given: Tolerances, order: list[int]
+) -> np.ndarray:
     """The rows of `Sources.root`."""
     n, columns = len(rows), []
     for k, (_, kind, _, _) in enumerate(rows):

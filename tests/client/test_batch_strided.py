@@ -18,10 +18,17 @@ from flexgen.library.generate import GeneratedLibrary
 pytestmark = needs_compiler
 GUARD = -7.25
 NAMES = [
-    *(("elbow", name) for name in ("mass_matrix", "inverse_dynamics", "forward_dynamics", "linearize", "gear_law")),
+    *(
+        ("elbow", name)
+        for name in ("mass_matrix", "inverse_dynamics", "forward_dynamics", "linearize", "gear_law")
+    ),
     *(
         ("planar5_nmp", name)
-        for name in ("inverse_dynamics_derivatives", "inversion_jacobians", "arm_forward_derivatives")
+        for name in (
+            "inverse_dynamics_derivatives",
+            "inversion_jacobians",
+            "arm_forward_derivatives",
+        )
     ),
 ]
 
@@ -41,18 +48,24 @@ def pointer(x: np.ndarray) -> ctypes.c_void_p:
 
 def call(name: str, function: str, n: int, stride: int, suffix: str, x: dict[str, np.ndarray]):
     """Status and outputs with their guards, arrays of `stride` points of which the first n are given."""
-    lib, loaded = ctypes.CDLL(str(library_of(made(name).directory))), flexgen.load(made(name).directory)
+    lib, loaded = (
+        ctypes.CDLL(str(library_of(made(name).directory))),
+        flexgen.load(made(name).directory),
+    )
     f = loaded.functions[function]
     inputs = []
     for port in f.inputs:
-        wide = np.full((port.size, stride), np.nan)  # what is not asked for must not be read as a number
+        # what is not asked for must not be read as a number
+        wide = np.full((port.size, stride), np.nan)
         wide[:, :n] = x[port.name][:n].reshape(n, -1).T
         inputs.append(wide)
     outputs = [np.full((port.size, stride), GUARD) for port in f.outputs]
     entry = getattr(lib, f"{name}_{function}_batch{suffix}")
     work = np.zeros(getattr(lib, f"{name}_batch_work")())
     counts = [ctypes.c_int(n), *([ctypes.c_int(stride)] if suffix else [])]
-    return int(entry(*counts, *map(pointer, inputs), *map(pointer, outputs), pointer(work))), outputs
+    return int(
+        entry(*counts, *map(pointer, inputs), *map(pointer, outputs), pointer(work))
+    ), outputs
 
 
 def states(name: str, n: int) -> dict[str, np.ndarray]:
@@ -62,7 +75,9 @@ def states(name: str, n: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(("name", "function"), NAMES, ids=str)
-@pytest.mark.parametrize(("n", "stride"), [(17, 17), (17, 23), (64, 72), (256, 256), (256, 264), (300, 512)])
+@pytest.mark.parametrize(
+    ("n", "stride"), [(17, 17), (17, 23), (64, 72), (256, 256), (256, 264), (300, 512)]
+)
 def test_parts_of_arrays_give_the_bits_of_compact_ones(name, function, n, stride):
     x = states(name, n)
     status, compact = call(name, function, n, n, "", x)
@@ -97,7 +112,9 @@ def test_few_points_have_the_bits_of_single_calls(name, function):
         many = f(*(x[port.name][:n] for port in f.inputs))
         for k in range(n):
             if isinstance(many, tuple):
-                assert all(np.array_equal(a[k], b) for a, b in zip(many, one_by_one[k], strict=True))
+                assert all(
+                    np.array_equal(a[k], b) for a, b in zip(many, one_by_one[k], strict=True)
+                )
             else:
                 assert np.array_equal(many[k], one_by_one[k])
 

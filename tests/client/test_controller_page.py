@@ -22,7 +22,9 @@ TOLERANCE_NM = 2e-4
 
 def differences(lines: list[str], cycles: int) -> np.ndarray:
     """Torques of printed lines less those to send, ``cycles`` of 1 ms later [N m]."""
-    command = flexgen.solve("planar5_nmp", "line", hold="zoh", sample_time=1e-3, progress=False).torque_command
+    command = flexgen.solve(
+        "planar5_nmp", "line", hold="zoh", sample_time=1e-3, progress=False
+    ).torque_command
     assert command is not None
     rows = np.array([[float(x) for x in re.findall(r"-?\d+\.\d+", line)] for line in lines])
     at = np.rint(1e3 * (rows[:, 0] - command.time[0])).astype(int) + cycles
@@ -43,7 +45,11 @@ def test_the_cycle_sends_the_torques_of_the_solution(tmp_path: Path) -> None:
         for line in re.findall(r"^flexgen ((?:generate|path) .*)$", text, re.MULTILINE):
             assert main([*line.split(), "--quiet"]) == 0
         (tmp_path / "reports" / "cycle.c").write_text(code)
-        subprocess.run(command.replace("cc ", "cc -Wall -Wextra -Wpedantic -Werror ", 1), shell=True, check=True)
+        subprocess.run(
+            command.replace("cc ", "cc -Wall -Wextra -Wpedantic -Werror ", 1),
+            shell=True,
+            check=True,
+        )
         done = subprocess.run(["reports/cycle"], capture_output=True, text=True, check=True)
     lines = done.stdout.splitlines()[1:]
     assert differences(lines, 0).max() < TOLERANCE_NM

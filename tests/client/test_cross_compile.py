@@ -20,7 +20,8 @@ from flexgen.runtime import load
 pytestmark = needs_compiler
 
 M7 = "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16 -mfloat-abi=hard".split()
-MACHINE = Path(__file__).resolve().parents[1] / "support" / "cortex_m7"  # start and memory of the emulated board
+# start and memory of the emulated board
+MACHINE = Path(__file__).resolve().parents[1] / "support" / "cortex_m7"
 SLOW = pytest.mark.slow
 LIBRARIES = [
     ("planar5_nmp", "double"),
@@ -57,7 +58,11 @@ def test_every_target_gives_the_same_bits(name, precision, tmp_path):
     """Every function at random states, one by one and in batches of odd sizes (the program compares the two itself)."""
     folder = folder_of(name, precision)
     given = clients.inputs_of(clients.manifest_of(folder), states(name))
-    builds = [[cc, level, "-ffp-contract=off"] for cc in ("gcc", "clang") for level in ("-O0", "-O1", "-O2")]
+    builds = [
+        [cc, level, "-ffp-contract=off"]
+        for cc in ("gcc", "clang")
+        for level in ("-O0", "-O1", "-O2")
+    ]
     builds.append(["gcc", "-O3", "-march=native", "-ffp-contract=off", "-fno-tree-vectorize"])
     builds.append(["gcc", "-O2", "-ffp-contract=off", f"-D{name.upper()}_NO_VECTORS"])
     builds.append(["aarch64-linux-gnu-gcc", "-O2", "-ffp-contract=off", "-static"])
@@ -101,8 +106,16 @@ def test_a_cortex_m7_has_the_same_bits(name, tmp_path):
     tools("arm-none-eabi-gcc", "qemu-system-arm", "gcc")
     folder = folder_of(name, "single")
     given = clients.inputs_of(clients.manifest_of(folder), states(name))
-    board = [*M7, "--specs=rdimon.specs", "-T", str(MACHINE / "memory.ld"), str(MACHINE / "start.c")]
-    program = clients.built(folder, tmp_path, "arm-none-eabi-gcc", *board, "-O2", "-ffp-contract=off", given=given)
+    board = [
+        *M7,
+        "--specs=rdimon.specs",
+        "-T",
+        str(MACHINE / "memory.ld"),
+        str(MACHINE / "start.c"),
+    ]
+    program = clients.built(
+        folder, tmp_path, "arm-none-eabi-gcc", *board, "-O2", "-ffp-contract=off", given=given
+    )
     emulator = "qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel".split()
     answer = clients.answer([*emulator, str(program)], b"", tmp_path)
     here = clients.built(folder, tmp_path / "here", "gcc", "-O2", "-ffp-contract=off")
@@ -121,15 +134,24 @@ def test_the_native_build_differs_by_rounding(name):
     used = list(reproducible.functions)
     # without the solvers, which take longer to compile than all functions
     folder = _folder() / f"{name}_native"
-    native = load(generate_parts(read(name), folder, used, (), native=True, progress=lambda text: None).directory)
+    native = load(
+        generate_parts(
+            read(name), folder, used, (), native=True, progress=lambda text: None
+        ).directory
+    )
     x = states(name)
     rng = np.random.default_rng(3)
-    moved = {key: value * (1 + STEP * rng.choice([-1.0, 1.0], size=value.shape)) for key, value in x.items()}
+    moved = {
+        key: value * (1 + STEP * rng.choice([-1.0, 1.0], size=value.shape))
+        for key, value in x.items()
+    }
     header = (made(name).directory / f"{name}.h").read_text(encoding="ascii")
     operations = [int(count) for count in OPERATIONS.findall(header)]
     for function, count in zip(reproducible.functions.values(), operations, strict=True):
         inputs = [x[port.name] for port in function.inputs]
-        expected, given = (_flat(library.functions[function.name](*inputs)) for library in (reproducible, native))
+        expected, given = (
+            _flat(library.functions[function.name](*inputs)) for library in (reproducible, native)
+        )
         shifted = _flat(function(*(moved[port.name] for port in function.inputs)))
         amplified = np.abs(shifted - expected).max(axis=1) / STEP
         bound = count * np.finfo(float).eps * (np.abs(expected).max(axis=1) + amplified)
@@ -154,16 +176,28 @@ TARGETS = {
 def test_single_precision_code_has_no_double_operations(name, tmp_path):
     tools("arm-none-eabi-gcc", "arm-none-eabi-nm")
     files = sources(folder_of(name, "single"))
-    run("arm-none-eabi-gcc", *M7, "-std=c99", "-O2", "-Wdouble-promotion", "-Werror", "-c", *files, folder=tmp_path)
+    run(
+        "arm-none-eabi-gcc",
+        *M7,
+        "-std=c99",
+        "-O2",
+        "-Wdouble-promotion",
+        "-Werror",
+        "-c",
+        *files,
+        folder=tmp_path,
+    )
     needed = run("arm-none-eabi-nm", "-u", *sorted(tmp_path.glob("*.o")), folder=tmp_path)
     needed = {line.split()[-1] for line in needed.splitlines() if " U " in line}
-    allowed = {"memset", "memcpy", "memmove", "__aeabi_ldivmod"}  # the last one divides sizes, 64-bit integers
+    # the last one divides sizes, 64-bit integers
+    allowed = {"memset", "memcpy", "memmove", "__aeabi_ldivmod"}
     assert {symbol for symbol in needed if not symbol.startswith(f"{name}_")} <= allowed
 
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(
-    ("name", "precision"), [("planar5_nmp", "double"), ("four_mass", "single"), ("manutec_r3", "single")]
+    ("name", "precision"),
+    [("planar5_nmp", "double"), ("four_mass", "single"), ("manutec_r3", "single")],
 )
 def test_the_stack_of_the_header_is_sufficient(name, precision, target, tmp_path):
     """What the compiler says each function of a point needs, its callees included, is at most what the header says."""
@@ -183,14 +217,20 @@ def test_the_stack_of_the_header_is_sufficient(name, precision, target, tmp_path
         *clients.point_sources(folder),
         folder=tmp_path,
     )
-    manual = (folder / f"{name}.h").read_text(encoding="ascii").replace("\n * ", " ")  # lines of a comment
-    pattern = rf"stack of one point at most (\d+) bytes\s+\*/\s+\w+_API\s+{name}_status {name}_(\w+)\("
+    # lines of a comment
+    manual = (folder / f"{name}.h").read_text(encoding="ascii").replace("\n * ", " ")
+    pattern = (
+        rf"stack of one point at most (\d+) bytes\s+\*/\s+\w+_API\s+{name}_status {name}_(\w+)\("
+    )
     said = re.findall(pattern, manual)
     said = {function: int(size) for size, function in said}
     functions = clients.manifest_of(folder)["functions"]
     assert set(said) == {f["name"] for f in functions}
     used = {
-        f["name"]: clients.stack_of_point(tmp_path / f"{name}_{f['name']}.su", f"{name}_{f['name']}") for f in functions
+        f["name"]: clients.stack_of_point(
+            tmp_path / f"{name}_{f['name']}.su", f"{name}_{f['name']}"
+        )
+        for f in functions
     }
     assert all(used[function] <= said[function] for function in said), (used, said)
     assert max(used.values()) > 0
@@ -199,4 +239,7 @@ def test_the_stack_of_the_header_is_sufficient(name, precision, target, tmp_path
 def test_the_board_has_a_linker_script_and_start_code_that_compiles():
     assert {path.name for path in MACHINE.iterdir()} == {"memory.ld", "start.c"}
     if not missing("arm-none-eabi-gcc"):
-        subprocess.run(["arm-none-eabi-gcc", *M7, "-fsyntax-only", "-Wall", str(MACHINE / "start.c")], check=True)
+        subprocess.run(
+            ["arm-none-eabi-gcc", *M7, "-fsyntax-only", "-Wall", str(MACHINE / "start.c")],
+            check=True,
+        )

@@ -91,14 +91,23 @@ def environment(tmp_path_factory):
     (folder / "stranger.py").write_text(MODULE, encoding="utf-8")
     lines = [line for text in (PROJECT, MODULE) for line in text.splitlines() if line.strip()]
     assert len([line for line in MODULE.splitlines() if line.strip()]) <= 30 and len(lines) <= 45
-    command = "-m pip install --quiet --no-deps --no-index --no-build-isolation --no-compile --target"
-    subprocess.run([sys.executable, *command.split(), str(folder / "site"), str(folder)], check=True)
+    command = (
+        "-m pip install --quiet --no-deps --no-index --no-build-isolation --no-compile --target"
+    )
+    subprocess.run(
+        [sys.executable, *command.split(), str(folder / "site"), str(folder)], check=True
+    )
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder / "site"), str(ROOT)])}
 
 
 def run(environment, folder, *arguments, fails=False):
     done = subprocess.run(
-        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (done.returncode != 0) == fails, done.stderr
     return done.stdout + done.stderr
@@ -110,30 +119,44 @@ def test_extensions_are_used_from_python(environment, tmp_path):
     assert (method, status) == ("softened", "solved") and float(difference) == 0.0
     assert float(lines[1]) == pytest.approx(0.5 * -3.0 - 0.25 * 9.0, rel=1e-15)
     assert lines[2] == "quadratic True" and lines[-1] == "inertias.csv"
-    assert lines[3:-1] == ["solved True Logistic(lost_motion=0.0001, stiffness=200000.0, bend=0.25)", "True"]
+    assert lines[3:-1] == [
+        "solved True Logistic(lost_motion=0.0001, stiffness=200000.0, bend=0.25)",
+        "True",
+    ]
     assert (tmp_path / "inertias.csv").read_text(encoding="utf-8").count(",") == 1
 
 
 def test_extensions_are_used_from_the_command_line(environment, tmp_path):
     cli = [str(ROOT / "cli.py")]
-    assert "softened" in run(environment, tmp_path, *cli, "solve", "planar5_nmp", "--method", "softened")
+    assert "softened" in run(
+        environment, tmp_path, *cli, "solve", "planar5_nmp", "--method", "softened"
+    )
     text = run(environment, tmp_path, *cli, "export", "inertias", "planar5_nmp", "--out", "i.csv")
     assert "wrote i.csv" in text and (tmp_path / "i.csv").is_file()
     changed = ["--set", 'motor.m1.friction={type="quadratic", viscous=0.5, quadratic=0.25}']
-    assert "quadratic" in run(environment, tmp_path, *cli, "describe", "planar5_nmp", *changed, "--json")
+    assert "quadratic" in run(
+        environment, tmp_path, *cli, "describe", "planar5_nmp", *changed, "--json"
+    )
     loop = '{type="logistic", lost_motion=1e-4, stiffness=2e5, bent=1.0}'
     loop = ["--set", f"element.arm1.dof.q1.gear.hysteresis={loop}"]
     text = run(environment, tmp_path, *cli, "describe", "planar5_nmp", *loop, fails=True)
-    assert "bent: given an unknown key, expected bend (there are: bend, lost_motion, stiffness, type)" in text
+    assert (
+        "bent: given an unknown key, expected bend (there are: bend, lost_motion, stiffness, type)"
+        in text
+    )
     wrong = ["--set", 'motor.m1.friction={type="cubic"}']
     assert "expected one of gear, quadratic, smooth" in run(
         environment, tmp_path, *cli, "describe", "planar5_nmp", *wrong, fails=True
     )
-    text = run(environment, tmp_path, *cli, "control", "planar5_nmp", "--controller", "unknown", fails=True)
+    text = run(
+        environment, tmp_path, *cli, "control", "planar5_nmp", "--controller", "unknown", fails=True
+    )
     assert "quiet" in text
 
 
-def test_library_is_written_again_after_the_code_of_a_friction_law_has_changed(environment, tmp_path):
+def test_library_is_written_again_after_the_code_of_a_friction_law_has_changed(
+    environment, tmp_path
+):
     site = tmp_path / "site"
     shutil.copytree(environment["PYTHONPATH"].split(os.pathsep)[0], site)
     changed = {**environment, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
@@ -150,9 +173,15 @@ def test_library_is_written_again_after_the_code_of_a_friction_law_has_changed(e
     command += ["--set", 'motor.m1.friction={type="quadratic", viscous=0.5, quadratic=0.25}']
     texts = []
     for factor in ("self.quadratic", "2 * self.quadratic"):
-        (site / "stranger.py").write_text(MODULE.replace("self.quadratic * w", f"{factor} * w"), encoding="utf-8")
+        (site / "stranger.py").write_text(
+            MODULE.replace("self.quadratic * w", f"{factor} * w"), encoding="utf-8"
+        )
         run(changed, tmp_path, *command)
-        texts.append("".join(path.read_text(encoding="utf-8") for path in sorted((tmp_path / "lib").rglob("*.c"))))
+        texts.append(
+            "".join(
+                path.read_text(encoding="utf-8") for path in sorted((tmp_path / "lib").rglob("*.c"))
+            )
+        )
     assert texts[0] != texts[1]
 
 
@@ -162,13 +191,18 @@ def test_extension_that_cannot_be_imported_is_refused_with_its_name(environment,
     (tmp_path / "site" / "stranger-1.dist-info").mkdir(parents=True)
     for name in ("METADATA", "entry_points.txt"):
         with open(os.path.join(site, "stranger-1.dist-info", name), encoding="utf-8") as file:
-            (tmp_path / "site" / "stranger-1.dist-info" / name).write_text(file.read(), encoding="utf-8")
-    (tmp_path / "site" / "stranger.py").write_text("raise RuntimeError('planted')\n", encoding="utf-8")
+            (tmp_path / "site" / "stranger-1.dist-info" / name).write_text(
+                file.read(), encoding="utf-8"
+            )
+    (tmp_path / "site" / "stranger.py").write_text(
+        "raise RuntimeError('planted')\n", encoding="utf-8"
+    )
     code = "import flexgen; flexgen.export('inertias', 'elbow', 'x')"
     text = run(broken, tmp_path, "-c", code, fails=True)
     assert "entry point inertias = 'stranger:write_inertias'" in text and "planted" in text
     unused = "import flexgen; flexgen.describe('elbow'); print(flexgen.solve('elbow', progress=False).status)"
-    assert run(broken, tmp_path, "-c", unused).split()[-1] == "solved"  # what is not used does no harm
+    # what is not used does no harm
+    assert run(broken, tmp_path, "-c", unused).split()[-1] == "solved"
 
 
 @pytest.mark.parametrize(
@@ -194,9 +228,13 @@ def test_extension_that_cannot_be_imported_is_refused_with_its_name(environment,
 def test_extension_of_the_wrong_kind_is_refused(tmp_path, line, code, expected):
     info = tmp_path / "site" / "stranger-1.dist-info"
     info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1\n", encoding="utf-8")
+    (info / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: stranger\nVersion: 1\n", encoding="utf-8"
+    )
     (info / "entry_points.txt").write_text(f"[flexgen.{line}\n", encoding="utf-8")
-    module = "class Hollow(Friction):\n    pass\nclass Needy(LQG):\n    def __init__(self, rho): pass\n"
+    module = (
+        "class Hollow(Friction):\n    pass\nclass Needy(LQG):\n    def __init__(self, rho): pass\n"
+    )
     (tmp_path / "site" / "stranger.py").write_text(MODULE + module, encoding="utf-8")
     there = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), str(ROOT)])}
     text = run(there, tmp_path, "-c", code, fails=True)

@@ -73,12 +73,17 @@ def test_fmpy_finds_a_planted_problem(tmp_path):
 
 @slow
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("case", [p.values[0] for p in BLOCKS if "manutec_r3_24" not in p.values[0]], ids="-".join)
+@pytest.mark.parametrize(
+    "case", [p.values[0] for p in BLOCKS if "manutec_r3_24" not in p.values[0]], ids="-".join
+)
 def test_the_sources_pass_a_strict_compiler(case, compiler):
     folder = Path(fmus.unzipped(fmus.exported(*case).path)) / "sources"
     for source in sorted(folder.glob("*.c")):
         done = subprocess.run(
-            [tool(compiler), *STRICT, "-fsyntax-only", source.name], cwd=folder, capture_output=True, text=True
+            [tool(compiler), *STRICT, "-fsyntax-only", source.name],
+            cwd=folder,
+            capture_output=True,
+            text=True,
         )
         assert done.returncode == 0, done.stderr[:2000]
 
@@ -89,15 +94,24 @@ def test_fmpy_compiles_the_sources(version, tmp_path):
     """An FMU without a binary, compiled by FMPy through CMake: the motion is that of ours."""
     from fmpy.build import build_platform_binary
 
-    written = flexgen.export_fmu("four_mass", tmp_path / "sources.fmu", version=version, binary=False)
+    written = flexgen.export_fmu(
+        "four_mass", tmp_path / "sources.fmu", version=version, binary=False
+    )
     assert written.details["binary"] is None
     folder = Path(fmpy.extract(str(written.path), unzipdir=str(tmp_path / "unzipped")))
     assert not (folder / "binaries").exists()
     build_platform_binary(folder, build_dir=tmp_path, all_warnings=True)
     built = list((folder / "binaries").rglob("*.so"))
     assert len(built) == 1
-    options = {"stop_time": 0.01, "fmi_type": "CoSimulation", "start_values": {"motor.m1.torque": 1.0}}
-    result = [fmpy.simulate_fmu(str(p), **options) for p in (folder, fmus.exported("four_mass", version).path)]
+    options = {
+        "stop_time": 0.01,
+        "fmi_type": "CoSimulation",
+        "start_values": {"motor.m1.torque": 1.0},
+    }
+    result = [
+        fmpy.simulate_fmu(str(p), **options)
+        for p in (folder, fmus.exported("four_mass", version).path)
+    ]
     assert len(result[0]) > 3 and np.abs(result[0]["motor.m1.angle"]).max() > 1e-3
     for name in result[0].dtype.names:  # another compiler contracts products
         assert np.allclose(result[0][name], result[1][name], rtol=1e-9, atol=1e-12)
@@ -108,20 +122,26 @@ def test_a_saved_state_gives_the_same_bits(case):
     """Run on, go back, run again; by the saved state, and by its bytes in another instance. From elsewhere: others."""
     written = fmus.exported(*case)
     rng = np.random.default_rng(0)
-    u = fmus.starts(written, INPUT) + 1e-3 * rng.standard_normal((9, len(fmus.references(written, INPUT))))
+    u = fmus.starts(written, INPUT) + 1e-3 * rng.standard_normal(
+        (9, len(fmus.references(written, INPUT)))
+    )
 
     def run(instance, first, last):
         rows = []
         for k in range(first, last):
             instance.put(fmus.references(written, INPUT), u[k])
             instance.step(k)
-            rows.append(instance.get(fmus.references(written, STATE) + fmus.references(written, OUTPUT)))
+            rows.append(
+                instance.get(fmus.references(written, STATE) + fmus.references(written, OUTPUT))
+            )
         return np.array(rows)
 
     a, b = fmus.Instance(written), fmus.Instance(written)
     run(a, 0, 3)
     upper = case[1] == "3.0"
-    save, restore = (a.fmu.getFMUState, a.fmu.setFMUState) if upper else (a.fmu.getFMUstate, a.fmu.setFMUstate)
+    save, restore = (
+        (a.fmu.getFMUState, a.fmu.setFMUState) if upper else (a.fmu.getFMUstate, a.fmu.setFMUstate)
+    )
     state = save()
     size_of = a.fmu.serializeFMUState if upper else a.fmu.serializeFMUstate
     data = size_of(state)
@@ -161,7 +181,10 @@ def test_eight_instances_in_eight_threads_are_equal(case):
 
     with ThreadPoolExecutor(8) as pool:
         results = list(pool.map(run, range(8)))
-    assert all(np.array_equal(results[0], other) for other in results[1:]) and np.isfinite(results[0]).all()
+    assert (
+        all(np.array_equal(results[0], other) for other in results[1:])
+        and np.isfinite(results[0]).all()
+    )
 
 
 def grown(written, tmp_path, *flags):
@@ -169,26 +192,38 @@ def grown(written, tmp_path, *flags):
     folder = Path(fmus.unzipped(written.path))
     (library,) = (folder / "binaries").rglob("*.so")
     program = tmp_path / "cycles"
-    given = [f"-I{folder / 'sources'}", f'-DGUID="{written.details["token"]}"', str(SUPPORT / "fmu_cycles.c")]
-    subprocess.run(["gcc", "-std=c99", "-O1", *flags, *given, "-ldl", "-o", str(program)], check=True)
-    done = subprocess.run([program, str(library), "2000"], capture_output=True, text=True, check=True)
+    given = [
+        f"-I{folder / 'sources'}",
+        f'-DGUID="{written.details["token"]}"',
+        str(SUPPORT / "fmu_cycles.c"),
+    ]
+    subprocess.run(
+        ["gcc", "-std=c99", "-O1", *flags, *given, "-ldl", "-o", str(program)], check=True
+    )
+    done = subprocess.run(
+        [program, str(library), "2000"], capture_output=True, text=True, check=True
+    )
     return int(done.stdout)
 
 
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads the memory of the process from /proc")
+@pytest.mark.skipif(
+    not Path("/proc/self/statm").exists(), reason="reads the memory of the process from /proc"
+)
 @pytest.mark.parametrize("case", [p for p in BLOCKS if p.values[0][2] == "plant"])
 def test_two_thousand_cycles_keep_the_memory(case, tmp_path):
     written = fmus.exported(*case)
     # the kernel maps 16 pages at a time, once or twice; no instance is kept
     assert grown(written, tmp_path, *["-DFMI3"] * (case[1] == "3.0")) <= 64
     if case[1] == "2.0":
-        assert grown(written, tmp_path, "-DLEAK") > 400  # planted: instances of several kB that are not freed
+        # planted: instances of several kB that are not freed
+        assert grown(written, tmp_path, "-DLEAK") > 400
 
 
 @slow
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(
-    ("block", "kind"), [("plant", "co"), ("plant", "exchange"), ("feedforward", "co"), ("controller", "co")]
+    ("block", "kind"),
+    [("plant", "co"), ("plant", "exchange"), ("feedforward", "co"), ("controller", "co")],
 )
 def test_nothing_is_allocated_after_the_instantiation(block, kind, version, tmp_path):
     """A program that counts calls of malloc, calloc and realloc by the linker's --wrap."""
@@ -204,10 +239,21 @@ def test_nothing_is_allocated_after_the_instantiation(block, kind, version, tmp_
         f'-DGUID="{written.details["token"]}"',
         *wrap,
     ]
-    command = ["gcc", "-std=c99", "-O0", *defined, str(SUPPORT / "fmu_allocations.c"), *sources, "-lm", "-o", program]
+    command = [
+        "gcc",
+        "-std=c99",
+        "-O0",
+        *defined,
+        str(SUPPORT / "fmu_allocations.c"),
+        *sources,
+        "-lm",
+        "-o",
+        program,
+    ]
     subprocess.run(command, check=True)
     done = subprocess.run([program], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["1", "0", "1"], done.stdout  # instantiate; 300 steps; a saved state
+    # instantiate; 300 steps; a saved state
+    assert done.stdout.split() == ["1", "0", "1"], done.stdout
 
 
 @pytest.mark.parametrize("case", [p for p in BLOCKS if p.values[0][2] == "plant"])
@@ -258,4 +304,6 @@ def test_a_function_called_in_the_wrong_state_is_an_error():
     described = fmpy.read_model_description(str(written.path))
     described.guid = "{another}"
     with pytest.raises(Exception, match="nstantiat"):
-        fmpy.instantiate_fmu(fmus.unzipped(written.path), described, fmi_type="CoSimulation", logger=fmus.quiet)
+        fmpy.instantiate_fmu(
+            fmus.unzipped(written.path), described, fmi_type="CoSimulation", logger=fmus.quiet
+        )

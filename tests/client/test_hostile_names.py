@@ -114,14 +114,29 @@ def test_hostile_names_of_variants_are_refused(tmp_path):
 def test_hostile_names_of_objects_made_in_python_are_refused():
     """Exporters, reports and C take names from these objects only."""
     model = read("planar5_nmp")
-    plain = Sensor("acc", "accelerometer", "tool", (0.0,) * 3, ((1.0, 0.0, 0.0),), ("x",), 0.0, None, 0.0, "m/s^2")
+    plain = Sensor(
+        "acc",
+        "accelerometer",
+        "tool",
+        (0.0,) * 3,
+        ((1.0, 0.0, 0.0),),
+        ("x",),
+        0.0,
+        None,
+        0.0,
+        "m/s^2",
+    )
     first, dof = model.elements[0], model.elements[0].dofs[0]
     makers = (
         lambda name: replace(model, name=name),
         lambda name: replace(model, variant=name or " "),
-        lambda name: replace(model, motors=(replace(model.motors[0], name=name), *model.motors[1:])),
+        lambda name: replace(
+            model, motors=(replace(model.motors[0], name=name), *model.motors[1:])
+        ),
         lambda name: replace(model, elements=(replace(first, name=name), *model.elements[1:])),
-        lambda name: replace(model, elements=(replace(first, dofs=(replace(dof, name=name),)), *model.elements[1:])),
+        lambda name: replace(
+            model, elements=(replace(first, dofs=(replace(dof, name=name),)), *model.elements[1:])
+        ),
         lambda name: replace(model, sensors=(replace(plain, name=name),)),
     )
     for name in [*HOSTILE, "a\nb", "a\0b", "a\x1b[2J", "a\n"]:
@@ -131,7 +146,9 @@ def test_hostile_names_of_objects_made_in_python_are_refused():
     assert all(made("fine") for made in makers)
 
 
-@pytest.mark.parametrize("name", [None, 1, b"arm", ["arm"], "", "a\nb", "a\0b", "a\x1b[2J", "a\u202e", "a" * 101])
+@pytest.mark.parametrize(
+    "name", [None, 1, b"arm", ["arm"], "", "a\nb", "a\0b", "a\x1b[2J", "a\u202e", "a" * 101]
+)
 def test_names_of_moves_are_printable_texts(name):
     with pytest.raises(ArgumentError, match=r"move.name: given .* expected a printable text"):
         replace(read("elbow").moves[0], name=name)
@@ -141,12 +158,15 @@ def test_names_of_moves_are_printable_texts(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["*/ int evil; /*", '"><script>evil()</script>', "--><script>evil()</script>", "a\\", "??/"]
+    "name",
+    ["*/ int evil; /*", '"><script>evil()</script>', "--><script>evil()</script>", "a\\", "??/"],
 )
 def test_names_of_moves_are_escaped_in_c_and_pages(name, tmp_path):
     model = read("elbow")
     path = plan(model, replace(model.moves[0], name=name))
-    (tmp_path / "path.h").write_text(path_header(model, path.move.name, path.table(), path.duration))
+    (tmp_path / "path.h").write_text(
+        path_header(model, path.move.name, path.table(), path.duration)
+    )
     (tmp_path / "use.c").write_text('#include "path.h"\nint main(void) { return 0; }\n')
     words = [
         "-std=c99",
@@ -164,12 +184,30 @@ def test_names_of_moves_are_escaped_in_c_and_pages(name, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["math", "stdio", "string", "Math", "omp", "m", "c", "pthread", "gcc", "example", "con", "aux", "nul"],
+    [
+        "math",
+        "stdio",
+        "string",
+        "Math",
+        "omp",
+        "m",
+        "c",
+        "pthread",
+        "gcc",
+        "example",
+        "con",
+        "aux",
+        "nul",
+    ],
 )
 def test_a_model_with_the_name_of_an_emitted_file_is_refused(name, tmp_path):
     """Its header or its library would be found instead of the system's, its file would be another's."""
     path = tmp_path / "model.toml"
-    path.write_text((ROOT / "models" / "elbow.toml").read_text().replace('name = "elbow"', f'name = "{name}"', 1))
+    path.write_text(
+        (ROOT / "models" / "elbow.toml")
+        .read_text()
+        .replace('name = "elbow"', f'name = "{name}"', 1)
+    )
     with pytest.raises((BuildError, ModelError), match="expected a name that"):
         generate(path, tmp_path / "out", functions=["gravity"], build=False)
     assert not (tmp_path / "out").exists()
@@ -179,7 +217,9 @@ def test_a_name_with_its_variant_is_not_too_long(tmp_path):
     path = tmp_path / "model.toml"
     text = (ROOT / "models" / "elbow.toml").read_text()
     name, variant = "a" * 20, "b" * 20
-    path.write_text(f'{text.replace("elbow", name, 1)}\n[variant.{variant}]\nset = {{ "motor.m1.inertia" = 0.02 }}\n')
+    path.write_text(
+        f'{text.replace("elbow", name, 1)}\n[variant.{variant}]\nset = {{ "motor.m1.inertia" = 0.02 }}\n'
+    )
     with pytest.raises((BuildError, ModelError, ArgumentError), match="at most 30"):
         generate(read(path, variant), tmp_path / "out", functions=["gravity"], build=False)
 
@@ -189,13 +229,19 @@ def test_names_reach_file_names_only_after_the_check(tmp_path):
     model = read("elbow")
     for name in ("../evil", "/evil", "a/b", "..", "a\0b"):
         with pytest.raises(BuildError, match="name of the model"):
-            generate(unchecked(model, name=name), tmp_path / "out", functions=["gravity"], build=False)
+            generate(
+                unchecked(model, name=name), tmp_path / "out", functions=["gravity"], build=False
+            )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_flags_from_outside_do_not_reach_a_shell(tmp_path, monkeypatch):
     witness = tmp_path / "witness"
-    for text in (f"{CC} -wrapper touch,{witness}", f"{CC};touch {witness}", f"{CC} $(touch {witness})"):
+    for text in (
+        f"{CC} -wrapper touch,{witness}",
+        f"{CC};touch {witness}",
+        f"{CC} $(touch {witness})",
+    ):
         monkeypatch.setenv("CC", text)
         with pytest.raises(BuildError, match=r"\$CC: given"):
             generate("elbow", tmp_path / "out", functions=["gravity"])

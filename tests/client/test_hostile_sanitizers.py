@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 from emitted import run, sources
 from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, parts_of, target
-from hostile_client import SANITIZE, all_bound, begin, bound, can_sanitize, statuses, text, update, whole_path
+from hostile_client import (
+    SANITIZE,
+    all_bound,
+    begin,
+    bound,
+    can_sanitize,
+    statuses,
+    text,
+    update,
+    whole_path,
+)
 from toolchain import CC, needs_compiler, tools
 
 from flexgen.codegen.spec import library_name
@@ -28,7 +38,12 @@ LEVELS = ("-O0", "-O1")  # the library has -O2
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hostile")
     line = {"move": "line", "singular": 4}
-    options = {"manutec_r3": line, "manutec_r3_18": line, "planar5_nmp": {"singular": 1}, "elbow": {"singular": 1}}
+    options = {
+        "manutec_r3": line,
+        "manutec_r3_18": line,
+        "planar5_nmp": {"singular": 1},
+        "elbow": {"singular": 1},
+    }
 
     @cache
     def one(name: str) -> Target:
@@ -60,7 +75,9 @@ def corpus(one: Target, rounds: int) -> tuple[list[list[float]], list[int | None
         (5, 7, one.period, 1, 0.3),
         (3, 2, 1e-3, 0, 1.0),
     ):
-        records.append(begin(one, intervals, samples_per_interval, period, hold=(int(hold[0]), hold[1])))
+        records.append(
+            begin(one, intervals, samples_per_interval, period, hold=(int(hold[0]), hold[1]))
+        )
         expected.append(0)
         for k in range(1, 16):
             if k in (3, 9):
@@ -70,14 +87,23 @@ def corpus(one: Target, rounds: int) -> tuple[list[list[float]], list[int | None
             if k in (5, 12):
                 value = rng.choice([1e-300, 1e-9, 1.0, 30.0, 1e9, np.inf, np.nan, -1.0])
                 records.append(
-                    all_bound(value, rng.choice([1e-300, 1e-3, 1.0, np.nan]), int(rng.choice([2, 3, 21, 40])))
+                    all_bound(
+                        value,
+                        rng.choice([1e-300, 1e-3, 1.0, np.nan]),
+                        int(rng.choice([2, 3, 21, 40])),
+                    )
                 )
                 expected.append(None)
             given = [np.array(one.path[key][k]) for key in ("y", "dy", "ddy")]
             given[rng.integers(3)][0] *= rng.choice([1.0, 1.0, 1.0, np.nan, 1e3, 1e300])
             records.append(update(given))
             expected.append(None)
-    for intervals, samples_per_interval, short in ((8, 3, 1), (0, 1, 0), (-1, -1, 0), (2**31 - 1, 2**31 - 1, 0)):
+    for intervals, samples_per_interval, short in (
+        (8, 3, 1),
+        (0, 1, 0),
+        (-1, -1, 0),
+        (2**31 - 1, 2**31 - 1, 0),
+    ):
         records.append(begin(one, intervals, samples_per_interval, 1e-3, short))
         expected.append(-6 if short else -5)
     for hold, delay in ((7, 0.0), (-1, 0.0), (2, np.nan), (2, -1e-300), (0, 4.1), (1, np.inf)):
@@ -105,14 +131,19 @@ def test_invalid_calls_under_sanitizers_report_nothing(made, name, rounds, files
     if files == "one":
         options = {"amalgamate": True, "build": False, "parts": parts_of(one.equations.model)}
         folder = generate(name, tmp_path / "merged", **options).directory
-        client, parts = client.replace(f"{symbol}_inversion.h", f"{symbol}.h"), [folder / f"{symbol}.c"]
+        client, parts = (
+            client.replace(f"{symbol}_inversion.h", f"{symbol}.h"),
+            [folder / f"{symbol}.c"],
+        )
     (tmp_path / "client.c").write_text(client, encoding="ascii")
     command = [str(CC), *STRICT, *SANITIZE, f"-I{folder}", "client.c", *map(str, parts)]
     run(*command, "-lm", "-o", "client", folder=tmp_path)
     records, expected = corpus(one, rounds)
     got = statuses([str(tmp_path / "client")], records, tmp_path)
     assert len(got) == len(expected)
-    assert [g for g, e in zip(got, expected, strict=True) if e is not None] == [e for e in expected if e is not None]
+    assert [g for g, e in zip(got, expected, strict=True) if e is not None] == [
+        e for e in expected if e is not None
+    ]
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
@@ -130,7 +161,11 @@ def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
         got = invert(one.with_library(file), call)
         assert got.status == 0
         for key in OUTPUTS:
-            assert got.results[key].tobytes() == expected.results[key].tobytes(), (compiler, words, key)
+            assert got.results[key].tobytes() == expected.results[key].tobytes(), (
+                compiler,
+                words,
+                key,
+            )
 
 
 def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
@@ -141,7 +176,16 @@ def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
     header = (one.directory / f"{name}_inversion.h").read_text(encoding="ascii")
     said = [int(word) for word in re.findall(r"Stack: at most (\d+)\s", header.replace(" *", ""))]
     assert len(set(said)) == 1 and len(said) >= 3
-    run("gcc", *STRICT, "-O2", "-fstack-usage", "-c", f"-I{one.directory}", *sources(one.directory), folder=tmp_path)
+    run(
+        "gcc",
+        *STRICT,
+        "-O2",
+        "-fstack-usage",
+        "-c",
+        f"-I{one.directory}",
+        *sources(one.directory),
+        folder=tmp_path,
+    )
     frames: dict[str, list[int]] = {}
     for file in tmp_path.glob("*.su"):
         rows = [line.split("\t") for line in file.read_text(encoding="ascii").splitlines()]
@@ -162,5 +206,7 @@ def test_threads_do_not_disturb_each_other(made):
     expected = [invert(one, call).results for call in calls]
     with ThreadPoolExecutor(len(calls)) as pool:
         for _ in range(5):
-            for got, right in zip(pool.map(lambda call: invert(one, call).results, calls), expected, strict=True):
+            for got, right in zip(
+                pool.map(lambda call: invert(one, call).results, calls), expected, strict=True
+            ):
                 assert all(np.array_equal(got[key], right[key]) for key in right)

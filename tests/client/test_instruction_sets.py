@@ -20,7 +20,10 @@ from flexgen.runtime.library import Library
 
 pytestmark = [
     needs_compiler,
-    pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="an x86-64 processor is needed"),
+    pytest.mark.skipif(
+        platform.machine().lower() not in ("x86_64", "amd64"),
+        reason="an x86-64 processor is needed",
+    ),
 ]
 
 LARGE = "manutec_r3_18"  # a minute of compilation for each instruction set
@@ -36,7 +39,9 @@ def library(tmp_path_factory):
         if missing:
             pytest.skip(f"this processor has no {', '.join(missing)}")
         parts = ["bvp"] * bool(flexgen.read(model).n_e)
-        made = flexgen.generate(model, tmp_path_factory.mktemp("isa") / model, isa=isa, parts=parts, **options)
+        made = flexgen.generate(
+            model, tmp_path_factory.mktemp("isa") / model, isa=isa, parts=parts, **options
+        )
         return flexgen.load(made.directory)
 
     return make
@@ -59,7 +64,9 @@ def baseline(library):
 def test_every_instruction_set_gives_the_bits_of_the_baseline(library, baseline, model, isa):
     expected, found = baseline(model), arrays(library(model, isa))
     assert expected.keys() == found.keys()
-    assert [key for key, x in expected.items() if not np.array_equal(x, found[key], equal_nan=True)] == []
+    assert [
+        key for key, x in expected.items() if not np.array_equal(x, found[key], equal_nan=True)
+    ] == []
 
 
 def test_planted_contraction_changes_the_bits(tmp_path):
@@ -69,7 +76,9 @@ def test_planted_contraction_changes_the_bits(tmp_path):
         pytest.skip("a processor with fused multiply-add is needed")
     given, found = np.random.default_rng(1).normal(size=(3, POINTS, 2)), []
     for native in (False, True):
-        made = flexgen.generate("elbow", tmp_path / f"{native}", functions=["inverse_dynamics"], native=native)
+        made = flexgen.generate(
+            "elbow", tmp_path / f"{native}", functions=["inverse_dynamics"], native=native
+        )
         found.append(flexgen.load(made.directory).inverse_dynamics(*given))
     assert not np.array_equal(*found)
 
@@ -77,18 +86,24 @@ def test_planted_contraction_changes_the_bits(tmp_path):
 def test_a_library_for_another_processor_is_refused(tmp_path, monkeypatch):
     made = flexgen.generate("elbow", tmp_path / "elbow", functions=["gravity"], isa="x86-64-v3")
     manifest = json.loads((Path(made.directory) / "manifest.json").read_text())
-    assert "avx2" in manifest["build"]["instruction_sets"] and manifest["build"]["isa"] == "x86-64-v3"
-    monkeypatch.setattr("flexgen.runtime.processor.instruction_sets", lambda: frozenset({"pni", "ssse3"}))
-    with pytest.raises(BuildError, match=r"avx2.* which this processor does not have; generate it on this computer"):
+    assert (
+        "avx2" in manifest["build"]["instruction_sets"] and manifest["build"]["isa"] == "x86-64-v3"
+    )
+    monkeypatch.setattr(
+        "flexgen.runtime.processor.instruction_sets", lambda: frozenset({"pni", "ssse3"})
+    )
+    with pytest.raises(
+        BuildError, match=r"avx2.* which this processor does not have; generate it on this computer"
+    ):
         flexgen.load(made.directory)
 
 
 def test_an_instruction_set_of_the_compiler_of_the_user_has_priority(monkeypatch):
     monkeypatch.setenv("CC", "gcc -march=x86-64-v2")
     compiler = find_compiler()
-    assert compiler is not None and [flag for flag in compiler.flags if flag.startswith("-march")] == [
-        "-march=x86-64-v2"
-    ]
+    assert compiler is not None and [
+        flag for flag in compiler.flags if flag.startswith("-march")
+    ] == ["-march=x86-64-v2"]
 
 
 def test_an_unknown_instruction_set_is_refused(tmp_path):

@@ -69,7 +69,11 @@ int main(void)
 def library(name: str, isa: str = "native") -> Library:
     given = ROBOTS / f"{name}.toml"
     folder = _folder() / f"{name}_{isa}"
-    return flexgen.load(flexgen.generate(given if given.exists() else name, folder, functions=POINT, isa=isa).directory)
+    return flexgen.load(
+        flexgen.generate(
+            given if given.exists() else name, folder, functions=POINT, isa=isa
+        ).directory
+    )
 
 
 def pose(lib: Library, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +116,10 @@ def test_every_instruction_set_gives_the_same_bits(isa):
     one, other = library("ur5", "x86-64"), library("ur5", isa)
     for seed in range(5):
         q = np.random.default_rng(seed).uniform(-3, 3, 6)
-        assert one.inverse_kinematics(*pose(one, q)).tobytes() == other.inverse_kinematics(*pose(one, q)).tobytes()
+        assert (
+            one.inverse_kinematics(*pose(one, q)).tobytes()
+            == other.inverse_kinematics(*pose(one, q)).tobytes()
+        )
 
 
 def test_the_nearest_is_first_and_turns_follow_the_start():
@@ -120,15 +127,23 @@ def test_the_nearest_is_first_and_turns_follow_the_start():
     turned = JOINTS + 2 * np.pi * np.array([1, 0, 0, -1, 0, 2])
     found = lib.inverse_kinematics(*pose(lib, JOINTS), turned)
     far = np.abs(found - turned).max(axis=1)
-    assert np.abs(found[0] - turned).max() < 1e-9 and np.all(np.diff(far) >= 0) and far[-1] <= np.pi + 1e-9
-    assert lib.inverse_kinematics(*pose(lib, JOINTS), turned, most=3).tobytes() == found[:3].tobytes()
+    assert (
+        np.abs(found[0] - turned).max() < 1e-9
+        and np.all(np.diff(far) >= 0)
+        and far[-1] <= np.pi + 1e-9
+    )
+    assert (
+        lib.inverse_kinematics(*pose(lib, JOINTS), turned, most=3).tobytes() == found[:3].tobytes()
+    )
 
 
 def test_one_start_continues_a_motion():
     """Along a line of joints, from sample to sample: the same branch, 0.05 rad apart, to rounding."""
     lib, q = library("ur5"), np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2])
     for k in range(1, 20):
-        true = np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2]) + 0.05 * k * np.array([1, -0.5, 0.3, -1, 0.4, 1])
+        true = np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2]) + 0.05 * k * np.array(
+            [1, -0.5, 0.3, -1, 0.4, 1]
+        )
         found = lib.inverse_kinematics(*pose(lib, true), q, starts=1)
         assert len(found) == 1 and np.abs(found[0] - true).max() < 1e-10
         q = found[0]
@@ -164,7 +179,9 @@ def test_wrong_arguments_are_refused():
             lib.inverse_kinematics(*given, **named)
     assert lib.inverse_kinematics(p + 10, R).shape == (0, 6)
     stretched = pose(lib, np.array([0.3, -1.1, 1.0, 0.4, 0.0, -0.2]))  # axes four and six are one
-    with pytest.raises(SolverError, match="more than 16 configurations at this pose, which is singular"):
+    with pytest.raises(
+        SolverError, match="more than 16 configurations at this pose, which is singular"
+    ):
         lib.inverse_kinematics(*stretched)
     assert pickle.loads(pickle.dumps(lib.inverse_kinematics))(p, R).shape == (8, 6)
     with pytest.raises(ArgumentError, match="expected one in double precision"):
@@ -187,8 +204,13 @@ def test_poses_with_a_stretched_elbow_are_solved():
         assert near.min() < 1e-5, (k, near)  # configurations that are closer are one
         for one in found:
             p, R = pose(lib, one)
-            assert np.abs(p - pose(lib, q)[0]).max() < 1e-12 and np.abs(R - pose(lib, q)[1]).max() < 2e-12
-        apart = np.abs(np.remainder(found[:, None] - found[None] + np.pi, 2 * np.pi) - np.pi).max(axis=2)
+            assert (
+                np.abs(p - pose(lib, q)[0]).max() < 1e-12
+                and np.abs(R - pose(lib, q)[1]).max() < 2e-12
+            )
+        apart = np.abs(np.remainder(found[:, None] - found[None] + np.pi, 2 * np.pi) - np.pi).max(
+            axis=2
+        )
         assert apart[~np.eye(len(found), dtype=bool)].min(initial=1.0) > 1e-5
 
 
@@ -215,13 +237,21 @@ home_rad = [0.0, 0.0, 0.0, 0.0, 0.5, 0.0]
 
 def test_translations_of_many_meters_are_solved(tmp_path):
     text = GANTRY
-    for k, (kind, axis) in enumerate([*(("translation", a) for a in "xyz"), *(("rotation", a) for a in "zyz")]):
-        text += f'[[element]]\nname = "link{k}"\nbody = {{ mass = 1.0, inertia = [0.1, 0.1, 0.1] }}\n'
+    for k, (kind, axis) in enumerate(
+        [*(("translation", a) for a in "xyz"), *(("rotation", a) for a in "zyz")]
+    ):
+        text += (
+            f'[[element]]\nname = "link{k}"\nbody = {{ mass = 1.0, inertia = [0.1, 0.1, 0.1] }}\n'
+        )
         text += f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = {AXES[axis]}\ngear = {{ type = "rigid" }}\n'
-    text += "".join(f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 10\ninertia = 1e-4\n' for k in range(6))
+    text += "".join(
+        f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 10\ninertia = 1e-4\n' for k in range(6)
+    )
     text += '[tool]\nposition = [0.1, 0.05, 0.2]\n[output]\ntype = "tool_pose"\n'
     (tmp_path / "gantry.toml").write_text(text)
-    made = flexgen.generate(flexgen.read(tmp_path / "gantry.toml"), tmp_path / "made", functions=POINT)
+    made = flexgen.generate(
+        flexgen.read(tmp_path / "gantry.toml"), tmp_path / "made", functions=POINT
+    )
     lib, rng = flexgen.load(made.directory), np.random.default_rng(1)
     for _ in range(20):
         q = np.concatenate([rng.uniform(-30, 30, 3), rng.uniform(-1.5, 1.5, 3)])
@@ -238,7 +268,9 @@ def test_random_calls_with_status_ok_reach_their_pose(tmp_path):
     sources = sorted((lib.directory / "src").glob("*.c"))
     options = [f"-I{lib.directory}", "-O1", "-ffp-contract=off", *SANITIZE]
     run(CC, *STRICT, *options, program, *sources, "-lm", "-o", "hostile", folder=tmp_path)
-    seen = dict(map(int, line.split()) for line in run(tmp_path / "hostile", folder=tmp_path).splitlines())
+    seen = dict(
+        map(int, line.split()) for line in run(tmp_path / "hostile", folder=tmp_path).splitlines()
+    )
     assert sum(seen.values()) == 4000 and {0, -2, -5, -7} <= seen.keys() and seen[0] > 500
 
 
@@ -256,7 +288,9 @@ def test_a_planted_bug_is_seen(bug, monkeypatch):
     text = files["inverse_kinematics.c"]
     assert text.count(PLANTED[bug][0]) == 1 and wrong_poses(library("ur5")) == 0
     monkeypatch.setattr(
-        kinematics_header, "read_clib", lambda: files | {"inverse_kinematics.c": text.replace(*PLANTED[bug])}
+        kinematics_header,
+        "read_clib",
+        lambda: files | {"inverse_kinematics.c": text.replace(*PLANTED[bug])},
     )
     made = flexgen.generate(ROBOTS / "ur5.toml", _folder() / "planted", functions=POINT, force=True)
     assert wrong_poses(flexgen.load(made.directory)) > 0

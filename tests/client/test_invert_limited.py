@@ -54,7 +54,13 @@ def case(name: str, move: str = "line", period: float = 1e-3) -> Case:
     before, after = round(0.3 / period), round((0.3 + 0.5 * path.duration) / period)
     t = (np.arange(before + round(path.duration / period) + after + 1) - before) * period
     sample = path.sample(t)
-    options = {"period": period, "q_start": path.q_start, "n_pre": 200, "n_post": 300, "samples_per_interval": 5}
+    options = {
+        "period": period,
+        "q_start": path.q_start,
+        "n_pre": 200,
+        "n_post": 300,
+        "samples_per_interval": 5,
+    }
     return Case(
         paths_library(equations, "invert", "invert_limited"),
         Reduction(equations).targets(sample),
@@ -78,7 +84,9 @@ def modified(one: Case, found: Inversion) -> tuple[np.ndarray, np.ndarray, np.nd
     assert found.deviation is not None
     c, *_ = np.linalg.lstsq(basis.basis[0], found.deviation, rcond=None)
     assert np.abs(basis.along(c) - found.deviation).max() < 1e-12  # it is such a spline
-    return deviated_path(one.y, one.dy, one.ddy, (basis.along(c), basis.along(c, 1), basis.along(c, 2)))
+    return deviated_path(
+        one.y, one.dy, one.ddy, (basis.along(c), basis.along(c, 1), basis.along(c, 2))
+    )
 
 
 @pytest.mark.parametrize(
@@ -95,7 +103,8 @@ def test_torque_limits_are_kept_on_the_modified_path(name: str, factor: float, m
     """The torques are those of the modified path, inverted without limits: scipy's splines, the pose by rotations."""
     one = case(name)
     bound = factor * np.abs(free(one).tau_m).max(axis=0)
-    bound = np.maximum(bound, 1.02 * np.abs(free(one).tau_m[[0, -1]]).max(axis=0))  # the arm rests at both ends
+    # the arm rests at both ends
+    bound = np.maximum(bound, 1.02 * np.abs(free(one).tau_m[[0, -1]]).max(axis=0))
     found = one.invert(torque_max=bound)
     assert found.limits_active and found.converged and found.programs >= 1
     assert (np.abs(found.tau_m).max(axis=0) <= bound * (1 + KEPT)).all()
@@ -104,13 +113,17 @@ def test_torque_limits_are_kept_on_the_modified_path(name: str, factor: float, m
     assert np.abs(again.tau_m - found.tau_m).max() <= SAME_TORQUE * np.abs(found.tau_m).max()
     assert found.deviation is not None
     n_p = 3 if one.y.shape[1] > one.dy.shape[1] else one.dy.shape[1]
-    assert found.deviation_m == pytest.approx(np.linalg.norm(found.deviation[:, :n_p], axis=1).max())
+    assert found.deviation_m == pytest.approx(
+        np.linalg.norm(found.deviation[:, :n_p], axis=1).max()
+    )
     assert found.limit_excess <= KEPT
     assert 1e-5 < found.deviation_m < most
 
 
 @pytest.mark.parametrize(("torque", "price"), [(22.0, 1.02e-3), (20.0, 3.12e-3)])
-def test_the_deviation_is_that_of_the_optimization_of_the_whole_motion(torque: float, price: float) -> None:
+def test_the_deviation_is_that_of_the_optimization_of_the_whole_motion(
+    torque: float, price: float
+) -> None:
     """``price`` [m]: deviation of method full, IPOPT on all states and torques, with the same limits."""
     found = case("planar5_nmp").invert(torque_max=[torque, torque])
     assert abs(found.deviation_m - price) < NEAR * price
@@ -164,12 +177,27 @@ def test_limits_that_cannot_be_kept_are_refused() -> None:
         ({"joint_speed_max": [np.nan, 1.0]}, "joint_speed_max: given .*positive"),
         ({"joint_acceleration_max": [0.0, 1.0]}, "joint_acceleration_max: given .*positive"),
         ({"tool_speed_max": -1.0}, "tool_speed_max: given -1.0, expected a number >= 0"),
-        ({"tool_acceleration_max": np.nan}, "tool_acceleration_max: given nan, expected a number >= 0"),
-        ({"torque_speed": [1.0, 1.0]}, r"torque_speed: given \[1.0, 1.0\], expected for each of 2 motors two or more"),
-        ({"torque_speed": 2 * [[[0.0, 1.0], [5.0, 2.0]]]}, "torque_speed: given .*the torque falls"),
-        ({"torque_speed": 2 * [[[0.0, 1.0], [5.0, 0.5], [9.0, 0.4]]]}, "torque_speed: given .*falls faster"),
+        (
+            {"tool_acceleration_max": np.nan},
+            "tool_acceleration_max: given nan, expected a number >= 0",
+        ),
+        (
+            {"torque_speed": [1.0, 1.0]},
+            r"torque_speed: given \[1.0, 1.0\], expected for each of 2 motors two or more",
+        ),
+        (
+            {"torque_speed": 2 * [[[0.0, 1.0], [5.0, 2.0]]]},
+            "torque_speed: given .*the torque falls",
+        ),
+        (
+            {"torque_speed": 2 * [[[0.0, 1.0], [5.0, 0.5], [9.0, 0.4]]]},
+            "torque_speed: given .*falls faster",
+        ),
         ({"torque_speed": 2 * [[[0.0, 1.0]]]}, "torque_speed: given .*two or more points"),
-        ({"torque_speed": 5.0}, "torque_speed: given 5.0, expected for each of 2 motors two or more"),
+        (
+            {"torque_speed": 5.0},
+            "torque_speed: given 5.0, expected for each of 2 motors two or more",
+        ),
         ({"torque_speed": [[[0.0, 1.0], [5.0]], ()]}, "torque_speed: given .*two or more points"),
         ({"torque_max": [1.0, 1.0], "knot_samples": 400}, "expected at least 9 knots"),
         ({"torque_max": [1.0, 1.0], "knot_samples": -1}, "expected at least 9 knots"),
@@ -189,7 +217,8 @@ def test_the_function_survives_pickling_and_refuses_calls_after_close() -> None:
     assert np.array_equal(found.tau_m, one.invert(torque_max=[22.0, 22.0]).tau_m)
 
 
-CURVE = [[[0.0, 22.0], [400.0, 20.0], [900.0, 8.0]], [[0.0, 9.0], [130.0, 8.0], [260.0, 2.0]]]  # rad/s, N m
+# rad/s, N m
+CURVE = [[[0.0, 22.0], [400.0, 20.0], [900.0, 8.0]], [[0.0, 9.0], [130.0, 8.0], [260.0, 2.0]]]
 
 
 def use_of(kind: str, one: Case, found: Inversion, bound: np.ndarray) -> float:
@@ -201,7 +230,10 @@ def use_of(kind: str, one: Case, found: Inversion, bound: np.ndarray) -> float:
         x = x if kind == "tool_speed_max" else np.gradient(x, period, axis=0)
         return float((np.linalg.norm(x, axis=1) / bound).max())
     if kind == "torque_speed":
-        most = [np.interp(np.abs(v), *np.transpose(curve)) for v, curve in zip(found.v_m.T, bound, strict=True)]
+        most = [
+            np.interp(np.abs(v), *np.transpose(curve))
+            for v, curve in zip(found.v_m.T, bound, strict=True)
+        ]
         return float((np.abs(found.tau_m) / np.transpose(most)).max())
     values = {
         "gear_torque_max": found.tau_g,
@@ -254,7 +286,9 @@ BUGS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", BUGS)
-def test_a_planted_bug_is_corrected_by_iterations_or_found(bug: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planted_bug_is_corrected_by_iterations_or_found(
+    bug: str, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Responses with an error of a fifth: repeated programs correct it, a single one does not. Limits that are never
     compared with the motion are exceeded, which the tests above would see."""
     texts = dict(clib_files.read_clib())
@@ -288,14 +322,23 @@ PARTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", PARTS)
-def test_a_planted_bug_in_a_quantity_is_found(kind: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planted_bug_in_a_quantity_is_found(
+    kind: str, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     texts = dict(clib_files.read_clib())
     text = texts["invert_limited.c"]
     assert text.count(PARTS[kind][0]) == 1
-    monkeypatch.setattr(clib_files, "read_clib", lambda: texts | {"invert_limited.c": text.replace(*PARTS[kind])})
-    wrong = replace(case("planar5_nmp"), library=load(flexgen.generate("planar5_nmp", tmp_path / "wrong").directory))
+    monkeypatch.setattr(
+        clib_files, "read_clib", lambda: texts | {"invert_limited.c": text.replace(*PARTS[kind])}
+    )
+    wrong = replace(
+        case("planar5_nmp"),
+        library=load(flexgen.generate("planar5_nmp", tmp_path / "wrong").directory),
+    )
     bound = np.array(CURVE) if kind == "torque_speed" else np.ones(2)
-    bound = bound * np.array([1.0, 0.9 * use_of(kind, wrong, free(wrong), bound)])[-bound.ndim // 2 :]
+    bound = (
+        bound * np.array([1.0, 0.9 * use_of(kind, wrong, free(wrong), bound)])[-bound.ndim // 2 :]
+    )
     assert use_of(kind, wrong, wrong.invert(**{kind: bound}), bound) > 1 + KEPT
 
 
@@ -310,7 +353,9 @@ def test_run_time_parameters_are_those_of_a_library_with_them_baked_in(tmp_path)
     assert found.limits_active
     assert np.abs(found.tau_m - expected.tau_m).max() <= SAME_TORQUE * np.abs(expected.tau_m).max()
     heavy = made.parameters * 1.3
-    other = made.invert_limited(one.y, one.dy, one.ddy, torque_max=bound * 2, parameters=heavy, **one.options)
+    other = made.invert_limited(
+        one.y, one.dy, one.ddy, torque_max=bound * 2, parameters=heavy, **one.options
+    )
     assert not other.limits_active and np.abs(other.tau_m - expected.tau_m).max() > 1e-3
 
 
@@ -323,12 +368,26 @@ def test_sanitizers_find_nothing(tmp_path) -> None:
     table = plan("planar5_nmp", "line")
     header = path_header(flexgen.read("planar5_nmp"), "line", table.table(), table.duration)
     (tmp_path / "line.h").write_text(header, encoding="ascii")
-    (tmp_path / "client.c").write_text((SUPPORT / "programs" / "limited_path.c").read_text(encoding="ascii"))
+    (tmp_path / "client.c").write_text(
+        (SUPPORT / "programs" / "limited_path.c").read_text(encoding="ascii")
+    )
     include = [f"-I{folder}", f"-I{folder / 'src'}"]
     used = ("inversion", "linearize", "invert_limited", "path_sampler", *INVERSION)
     files = [path for path in sources(folder) if path.stem.removeprefix("planar5_nmp_") in used]
     general = folder / "src" / "planar5_nmp.c"
-    run(CC, "-std=c99", *SANITIZE, "client.c", *files, general, *include, "-lm", "-o", "client", folder=tmp_path)
+    run(
+        CC,
+        "-std=c99",
+        *SANITIZE,
+        "client.c",
+        *files,
+        general,
+        *include,
+        "-lm",
+        "-o",
+        "client",
+        folder=tmp_path,
+    )
     statuses = [int(word) for word in run(tmp_path / "client", folder=tmp_path).split()]
     active, bad, infeasible = 2, -5, -14
     assert statuses[:6] == [active] * 4 + [bad] * 2

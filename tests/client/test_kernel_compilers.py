@@ -117,7 +117,9 @@ def test_strict_compilers_of_cpp_are_silent(precision, compiler):
 def test_fast_mathematics_is_refused():
     assert COMPILER is not None
     command = [COMPILER, "-ffast-math", "-fsyntax-only", "main.c"]
-    answer = subprocess.run(command, cwd=written("double"), capture_output=True, text=True, check=False)
+    answer = subprocess.run(
+        command, cwd=written("double"), capture_output=True, text=True, check=False
+    )
     assert answer.returncode != 0 and "compile without -ffast-math" in answer.stderr
 
 
@@ -137,8 +139,12 @@ void all(const real *x, real *y)
 def undefined(compiler: str, flags: list[str], folder: Path) -> set[str]:
     """The symbols that the functions of our own need from elsewhere."""
     (folder / "own.c").write_text(OWN_ONLY, encoding="ascii")
-    subprocess.run([compiler, "-std=c99", *flags, "-c", "own.c", "-o", "own.o"], cwd=folder, check=True)
-    answer = subprocess.run(["nm", "-u", "own.o"], cwd=folder, capture_output=True, text=True, check=True)
+    subprocess.run(
+        [compiler, "-std=c99", *flags, "-c", "own.c", "-o", "own.o"], cwd=folder, check=True
+    )
+    answer = subprocess.run(
+        ["nm", "-u", "own.o"], cwd=folder, capture_output=True, text=True, check=True
+    )
     return {line.split()[-1] for line in answer.stdout.splitlines()} - {"_GLOBAL_OFFSET_TABLE_"}
 
 
@@ -153,6 +159,10 @@ def test_own_functions_need_no_library(precision):
 
 def test_single_precision_needs_no_double():
     tools("arm-none-eabi-gcc")
-    processor = "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16 -mfloat-abi=hard -mthumb -ffreestanding -O2".split()
+    processor = (
+        "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16 -mfloat-abi=hard -mthumb -ffreestanding -O2".split()
+    )
     assert undefined("arm-none-eabi-gcc", processor, written("single")) == set()
-    assert any("__aeabi_d" in name for name in undefined("arm-none-eabi-gcc", processor, written("double")))
+    assert any(
+        "__aeabi_d" in name for name in undefined("arm-none-eabi-gcc", processor, written("double"))
+    )

@@ -90,7 +90,13 @@ def write_poses(robot: str, file: Path) -> None:
     seen = np.array([still.seen(each + ZERO) for each in q]) + 2e-5 * rng.normal(size=(40, 6))
     with file.open("w", newline="") as to:
         rows = csv.writer(to)
-        rows.writerow(["q1_rad", "q2_rad", *(f"{name}_{axis}_m" for name in ("hand", "elbow") for axis in "xyz")])
+        rows.writerow(
+            [
+                "q1_rad",
+                "q2_rad",
+                *(f"{name}_{axis}_m" for name in ("hand", "elbow") for axis in "xyz"),
+            ]
+        )
         rows.writerows(np.hstack([q, seen]).tolist())
 
 
@@ -101,12 +107,16 @@ def tool_error(name: str, solution: flexgen.Solution) -> float:
     q_a = path["q_a"].copy()
     q_a[0] = Still(name).coordinates(q_m[0] / RATIO)
     law, kept = with_lost_motion(name, ARCMIN, q_m[0] / RATIO - q_a[0][:2])
-    shifted = Trajectory(path.time, {**path.channels, "q_m": q_m, "q_a": q_a}, path.ports, path.labels)
+    shifted = Trajectory(
+        path.time, {**path.channels, "q_m": q_m, "q_a": q_a}, path.ports, path.labels
+    )
     return tool_error_in_mujoco(name, shifted, law, kept)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_three_commands_from_two_files_to_torques(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_three_commands_from_two_files_to_torques(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
     shutil.copy(flexgen.read("planar5_nmp").file, "arm.toml")
@@ -118,17 +128,25 @@ def test_three_commands_from_two_files_to_torques(tmp_path: Path, monkeypatch: p
     Path("truth.toml").write_text(text, encoding="utf-8")
     truth = str(tmp_path / "truth.toml")
     write_poses(truth, Path("poses.csv"))
-    record = record_in_mujoco(truth, lambda start: with_lost_motion(truth, ARCMIN, start), 16.0, step=5e-4)
-    record = motor_record(flexgen.read(truth), record.time, record["q_m"] - RATIO * ZERO, record["tau_m"])
+    record = record_in_mujoco(
+        truth, lambda start: with_lost_motion(truth, ARCMIN, start), 16.0, step=5e-4
+    )
+    record = motor_record(
+        flexgen.read(truth), record.time, record["q_m"] - RATIO * ZERO, record["tau_m"]
+    )
     with_noise(record, 1e-4).save("record.csv")
 
     words = "calibrate arm.toml poses.csv --free zeros,placements,compliances --prior tracker=1e-6 "
     words += "--world measurement --out calibrated.toml --report first --quiet"
     assert main(words.split()) == 0
     words = "identify-gears calibrated.toml@calibrated record.csv --out identified.toml --report second --quiet"
-    assert main(words.split()) == 1  # model error: the poses do not determine the zero of q2; the file is written
+    # model error: the poses do not determine the zero of q2; the file is written
+    assert main(words.split()) == 1
     assert main("solve identified.toml@identified --move line --report third --quiet".split()) == 0
     for folder in ("first", "second", "third"):
         assert "<svg" in next(Path(folder).rglob("*.html")).read_text(encoding="utf-8")
-    errors = [tool_error(truth, flexgen.solve(name, "line")) for name in ("arm.toml", "identified.toml@identified")]
+    errors = [
+        tool_error(truth, flexgen.solve(name, "line"))
+        for name in ("arm.toml", "identified.toml@identified")
+    ]
     assert errors[0] > 5e-3 and errors[1] < 0.15 * errors[0]

@@ -24,7 +24,8 @@ from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler
-HORIZON = {"planar5_nmp": 20, "manutec_r3_24": 29}  # intervals of 5 ms; the path begins when the first one has passed
+# intervals of 5 ms; the path begins when the first one has passed
+HORIZON = {"planar5_nmp": 20, "manutec_r3_24": 29}
 PARTS, BRAKE = 5, 48  # cycles of an update of the stream; of braking: 2 (READY - PARTS - 1)
 # Largest torque from a contact on, in percent of that of the nominal run. A stop of this length takes torques of the
 # size of those of the program: 117 to 120 measured with planar5_nmp. Samples that are 40 cycles old give 2000 and more.
@@ -48,7 +49,18 @@ def build(
     header = path_header(path.equations.model, path.move.name, path.table(), path.duration)
     (folder / f"{path.move.name}.h").write_text(header, encoding="ascii")
     includes = (f"-I{library}", f"-I{folder}", f"-I{example.with_suffix('') / name}")
-    run(compiler, *STRICT, *flags, *includes, example, *linked, "-lm", "-o", "control", folder=folder)
+    run(
+        compiler,
+        *STRICT,
+        *flags,
+        *includes,
+        example,
+        *linked,
+        "-lm",
+        "-o",
+        "control",
+        folder=folder,
+    )
     return folder / "control"
 
 
@@ -56,7 +68,11 @@ def table(text: str) -> dict[str, list[float]]:
     """The figures of the runs."""
     rows = [line.split() for line in text.splitlines()]
     names = ("nominal", "saturated", "windup", "contact", "ignored")
-    return {row[0]: [np.nan if x == "-" else float(x) for x in row[1:]] for row in rows if row and row[0] in names}
+    return {
+        row[0]: [np.nan if x == "-" else float(x) for x in row[1:]]
+        for row in rows
+        if row and row[0] in names
+    }
 
 
 def check_runs(found: dict[str, list[float]]) -> None:
@@ -64,7 +80,8 @@ def check_runs(found: dict[str, list[float]]) -> None:
 
     From the contact on: found, braked, stands [ms], way [mm], largest torque relative to that of the nominal run [%].
     """
-    assert found["nominal"][0] < 0.1  # um; 5 asked: rounding of the encoders, and the torques between samples
+    # um; 5 asked: rounding of the encoders, and the torques between samples
+    assert found["nominal"][0] < 0.1
     saturated, windup = found["saturated"], found["windup"]
     assert saturated[2] > 5.0 and saturated[0] > 1000.0  # the limits do act
     # an integral part that is less than the limit has not wound up; the planted one has
@@ -112,7 +129,9 @@ def test_a_program_runs_on_its_plant(planar: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_plant_that_interpolates_held_torques_fails_the_test(planar: Path, tmp_path: Path) -> None:
+def test_a_plant_that_interpolates_held_torques_fails_the_test(
+    planar: Path, tmp_path: Path
+) -> None:
     """Planted: the meta data without the hold; and instants that are not those of the sample time."""
     text = (planar.parent / "motion.csv").read_text(encoding="ascii")
     (tmp_path / "curve.csv").write_text(text.replace('"hold": "zoh", ', ""), encoding="ascii")
@@ -132,7 +151,9 @@ def test_compilers_and_times(compiler: str, tmp_path: Path) -> None:
     if "with" in compiler and not can_sanitize(tmp_path):
         pytest.skip("the compiler has no sanitizers")
     folder, found = Path(made("planar5_nmp").directory), tool(compiler.split()[0])
-    program = build("planar5_nmp", tmp_path, folder, *flags, compiler=found, linked=tuple(sources(folder)))
+    program = build(
+        "planar5_nmp", tmp_path, folder, *flags, compiler=found, linked=tuple(sources(folder))
+    )
     text = run(program, "motion.csv", 5000, folder=tmp_path)
     check_runs(table(text))
     assert re.search(r"processor time: median [\d.]+ us, 99.99 % below [\d.]+ us, worst", text)
@@ -151,17 +172,24 @@ def test_six_axes_with_24_degrees_of_freedom(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_refused(planar: Path, tmp_path: Path) -> None:
-    answer = subprocess.run([planar, "none/motion.csv"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    answer = subprocess.run(
+        [planar, "none/motion.csv"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert answer.returncode == 1 and "none/motion.csv cannot be written" in answer.stderr
 
 
 def test_the_folder_has_a_robot_for_every_program() -> None:
     assert {path.parent.name for path in EXAMPLE.with_suffix("").glob("*/robot.h")} == set(PROGRAMS)
     for name in PROGRAMS:
-        robot, text = flexgen.read(name), (EXAMPLE.with_suffix("") / name / "robot.h").read_text(encoding="ascii")
+        robot, text = (
+            flexgen.read(name),
+            (EXAMPLE.with_suffix("") / name / "robot.h").read_text(encoding="ascii"),
+        )
         actuated = re.search(r"actuated\[\] = \{([\d, ]+)\}", text)
         assert actuated is not None and tuple(map(int, actuated[1].split(","))) == tuple(robot.i_g)
-        assert re.findall(r'"(\w+)\] (?:rad|m)"', text.split("motor_columns")[0]) == [c.name for c in robot.coordinates]
+        assert re.findall(r'"(\w+)\] (?:rad|m)"', text.split("motor_columns")[0]) == [
+            c.name for c in robot.coordinates
+        ]
         assert re.search(rf"INTERVALS = {HORIZON[name]}\b", text)
 
 
@@ -176,7 +204,9 @@ def planted(folder: Path, *changes: tuple[str, str, str]) -> Path:
         (example.with_suffix("") / file).write_text(text.replace(old, new), encoding="ascii")
     library = Path(made("planar5_nmp").directory)
     linked = (library_of(library),)
-    return build("planar5_nmp", folder, library, "-O1", VARIABLES["time"], linked=linked, example=example)
+    return build(
+        "planar5_nmp", folder, library, "-O1", VARIABLES["time"], linked=linked, example=example
+    )
 
 
 def contacts(program: Path) -> list[subprocess.CompletedProcess[str]]:
@@ -186,7 +216,14 @@ def contacts(program: Path) -> list[subprocess.CompletedProcess[str]]:
         variables = os.environ | {"CONTACT_TIME": f"{0.9995 + 1e-3 * i}"}
         command = [program, "motion.csv", "0"]
         found.append(
-            subprocess.run(command, cwd=program.parent, env=variables, capture_output=True, text=True, check=False)
+            subprocess.run(
+                command,
+                cwd=program.parent,
+                env=variables,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
         )
     return found
 
@@ -213,8 +250,13 @@ def test_the_brake_has_its_samples_in_every_cycle(tmp_path: Path) -> None:
         if phase in (0, 4):  # 30 samples and, after the update, 31
             assert answer.returncode == 0
         else:
-            assert answer.returncode == 1 and "contact: the controller needs a sample that is not in" in answer.stderr
-    for phase, answer in zip(phases, contacts(planted(folders[2], LONG, UNCHECKED, UNLIMITED)), strict=True):
+            assert (
+                answer.returncode == 1
+                and "contact: the controller needs a sample that is not in" in answer.stderr
+            )
+    for phase, answer in zip(
+        phases, contacts(planted(folders[2], LONG, UNCHECKED, UNLIMITED)), strict=True
+    ):
         assert (table(answer.stdout)["contact"][4] > 3.0 * TORQUE) == (phase not in (0, 4))
 
 
@@ -225,7 +267,10 @@ def test_the_brake_has_its_samples_where_the_planner_fails(tmp_path: Path) -> No
     failing = ("planner.h", advance, advance + VARIABLES["failure"])
     standard = ("planner.h", "#include <string.h>", "#include <stdlib.h>\n#include <string.h>")
     longer = ("controller.h", LONG[1], "BRAKE = 2 * (READY - PARTS)")
-    for name, changes in {"brake": (standard, failing), "longer": (standard, failing, longer)}.items():
+    for name, changes in {
+        "brake": (standard, failing),
+        "longer": (standard, failing, longer),
+    }.items():
         (tmp_path / name).mkdir()
         program = planted(tmp_path / name, *changes)
         for at in range(1000, 1000 + PARTS):
@@ -242,6 +287,11 @@ def test_the_brake_has_its_samples_where_the_planner_fails(tmp_path: Path) -> No
             assert refused == (name == "longer" and at % PARTS == PARTS - 1)
             if name == "brake":
                 motion = Trajectory.load(program.parent / "motion.csv")
-                before, after = (np.abs(part).max(axis=0) for part in np.split(motion["tau_m"], [at]))
+                before, after = (
+                    np.abs(part).max(axis=0) for part in np.split(motion["tau_m"], [at])
+                )
                 assert (after < 0.01 * TORQUE * before).all()
-                assert np.ptp(motion["q_m"][-100:], axis=0).max() < 1e-3 * np.ptp(motion["q_m"], axis=0).max()
+                assert (
+                    np.ptp(motion["q_m"][-100:], axis=0).max()
+                    < 1e-3 * np.ptp(motion["q_m"], axis=0).max()
+                )

@@ -25,7 +25,9 @@ def compiled(folder: Path) -> Path:
     path, library = planned(NAME), Path(made(NAME).directory)
     header = path_header(path.equations.model, path.move.name, path.table(), path.duration)
     (folder / f"{path.move.name}.h").write_text(header, encoding="ascii")
-    includes = [f"-I{at}" for at in (library, folder, EXAMPLE.parent, EXAMPLE.with_suffix("") / NAME)]
+    includes = [
+        f"-I{at}" for at in (library, folder, EXAMPLE.parent, EXAMPLE.with_suffix("") / NAME)
+    ]
     run(
         CC,
         *STRICT,
@@ -77,7 +79,8 @@ def test_a_fault_is_reported_at_once_and_torques_stay_finite_and_limited(
     assert status == expected and finite == 1 and share <= 1.0
     assert 0 <= cycles < 2
     assert step < 0.105
-    if fault not in ("push", "nan for ever", "huge"):  # those have no measurement of a motor any more, or no stand
+    # those have no measurement of a motor any more, or no stand
+    if fault not in ("push", "nan for ever", "huge"):
         assert speed < 0.02
 
 

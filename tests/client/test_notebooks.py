@@ -21,12 +21,16 @@ nbformat = pytest.importorskip("nbformat")
 def printed(notebook: object) -> str:
     """All text that the cells print, without progress."""
     outputs = [out for cell in notebook.cells if cell.cell_type == "code" for out in cell.outputs]
-    return "".join(out.text for out in outputs if out.output_type == "stream" and out.name == "stdout")
+    return "".join(
+        out.text for out in outputs if out.output_type == "stream" and out.name == "stdout"
+    )
 
 
 def pictures(notebook: object) -> int:
     outputs = [out for cell in notebook.cells if cell.cell_type == "code" for out in cell.outputs]
-    return sum(not {"image/svg+xml", "image/png"}.isdisjoint(out.get("data", {})) for out in outputs)
+    return sum(
+        not {"image/svg+xml", "image/png"}.isdisjoint(out.get("data", {})) for out in outputs
+    )
 
 
 def number(pattern: str, text: str) -> float:
@@ -49,7 +53,9 @@ def claims(name: str, text: str) -> None:
         assert "fitted - " in text
         pairs = re.findall(r"error +(-?[\d.]+) % +sd ([\d.]+) %", text)
         assert len(pairs) == 4 and all(abs(float(error)) < 4 * float(sd) for error, sd in pairs)
-        assert number(r"identified: ([\d.]+) um", text) < 0.05 * number(r"model file: ([\d.]+) um", text)
+        assert number(r"identified: ([\d.]+) um", text) < 0.05 * number(
+            r"model file: ([\d.]+) um", text
+        )
     elif name == "close_the_loop":
         assert number(r"nominal: error up to ([\d.]+) um", text) < 1.0
         assert "lqg" in text
@@ -60,9 +66,12 @@ def claims(name: str, text: str) -> None:
         start, end = number(r"([\d.]+) -> ", text), number(r" -> ([\d.]+) in \d+ evaluations", text)
         assert 0.7 < end < start and "refused, no score" in text
     elif name == "feedback_study":
-        assert number(r"nominal: error up to ([\d.]+) mm", text) < number(r"soft: error up to ([\d.]+) mm", text)
+        assert number(r"nominal: error up to ([\d.]+) mm", text) < number(
+            r"soft: error up to ([\d.]+) mm", text
+        )
         assert "is unstable" in text and "expected at most" in text
-        assert number(r"about the feedforward = ([\d.]+)", text) > 1.5  # 2.7 with the tunings of docs/control.md
+        # 2.7 with the tunings of docs/control.md
+        assert number(r"about the feedforward = ([\d.]+)", text) > 1.5
     elif name == "gradient_stiffness":
         start, end = number(r"loss ([\d.]+) ->", text), number(r"loss [\d.]+ -> ([\d.]+)", text)
         assert start > 100 and 0.8 < end < 1.2
@@ -72,11 +81,16 @@ def claims(name: str, text: str) -> None:
         pairs = re.findall(r"error ([\d.]+) -> ([\d.]+) mrad", text)
         assert len(pairs) == 4 and all(float(new) < 0.5 * float(old) for old, new in pairs)
     else:
-        first, last = number(r"0 repetitions: +([\d.]+)", text), number(r"4 repetitions: +([\d.]+)", text)
+        first, last = (
+            number(r"0 repetitions: +([\d.]+)", text),
+            number(r"4 repetitions: +([\d.]+)", text),
+        )
         assert name == "learning" and last < 0.01 * first
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n == QUICK else pytest.mark.slow) for n in NAMES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n == QUICK else pytest.mark.slow) for n in NAMES]
+)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbclient = pytest.importorskip("nbclient")
@@ -88,7 +102,9 @@ def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
     work = tmp_path / "work"
     work.mkdir()
-    nbclient.NotebookClient(notebook, timeout=TIME_S, resources={"metadata": {"path": str(work)}}).execute()
+    nbclient.NotebookClient(
+        notebook, timeout=TIME_S, resources={"metadata": {"path": str(work)}}
+    ).execute()
     claims(name, printed(notebook))
     assert pictures(notebook) >= PLOTS.get(name, 1)
 
@@ -99,7 +115,9 @@ def test_notebooks_are_stored_without_outputs() -> None:
         notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
         nbformat.validate(notebook)
         code = [cell for cell in notebook.cells if cell.cell_type == "code"]
-        assert len(code) >= 3 and all(cell.outputs == [] and cell.execution_count is None for cell in code)
+        assert len(code) >= 3 and all(
+            cell.outputs == [] and cell.execution_count is None for cell in code
+        )
         assert len({cell.id for cell in notebook.cells}) == len(notebook.cells)
         assert set(notebook.metadata) == {"kernelspec", "language_info"}
 
@@ -113,4 +131,7 @@ def test_planted_numbers_are_found() -> None:
     with pytest.raises(AssertionError):
         claims("c_library", "the same bits: False\nlargest difference 1e-9 N m")
     with pytest.raises(AssertionError):
-        claims("non_minimum_phase", "rates, 1/s: [60.0 67.6] - zero 67.6\nmethod reduced: the zero dynamics")
+        claims(
+            "non_minimum_phase",
+            "rates, 1/s: [60.0 67.6] - zero 67.6\nmethod reduced: the zero dynamics",
+        )

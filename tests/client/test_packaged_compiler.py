@@ -30,7 +30,10 @@ def test_the_package_gives_the_same_bits(model, monkeypatch, tmp_path):
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     lines: list[str] = []
-    assert differences(make(model, tmp_path / "packaged", force=True, progress=lines.append), expected) == []
+    assert (
+        differences(make(model, tmp_path / "packaged", force=True, progress=lines.append), expected)
+        == []
+    )
     assert "no cc, gcc or clang on the PATH: the C compiler is that of the package ziglang" in lines
     # a planted change: products and sums contracted, as for this processor alone
     if model == "planar5_nmp" and "fma" in find_compiler(native=True).instruction_sets:
@@ -47,4 +50,8 @@ def test_the_package_comes_after_the_compilers_of_the_path(monkeypatch, tmp_path
         find_compiler()
     program.unlink()
     found = find_compiler(isa="native")
-    assert found is not None and found.command[1] == "cc" and found.archiver == (found.command[0], "ar")
+    assert (
+        found is not None
+        and found.command[1] == "cc"
+        and found.archiver == (found.command[0], "ar")
+    )

@@ -51,24 +51,57 @@ int main(void)
 }
 """
 LINE = MoveL((0.08, 0.08, -0.08), rotation=(0.2, 0.1, 0.0), zone=0.03)
-LEGS = (LINE, MoveC((-0.06, 0.09, 0.0), via=(0.0, 0.06, 0.01), zone=0.02), MoveL((-0.05, 0.0, -0.1)))
+LEGS = (
+    LINE,
+    MoveC((-0.06, 0.09, 0.0), via=(0.0, 0.06, 0.01), zone=0.02),
+    MoveL((-0.05, 0.0, -0.1)),
+)
 
 
 def robot_moves(start: tuple[float, ...]) -> dict[str, Move]:
     """Moves of a six-axis robot whose output is a pose."""
     end = tuple(np.add(start, [0.4, -0.2, 0.3, 0.1, 0.5, -0.6]))
-    arc = {"center": (0.05, 0.12, -0.03), "axis": (0.3, -0.2, 1.0), "angle": 1.9, "rotation": (0.2, 0.4, -0.3)}
+    arc = {
+        "center": (0.05, 0.12, -0.03),
+        "axis": (0.3, -0.2, 1.0),
+        "angle": 1.9,
+        "rotation": (0.2, 0.4, -0.3),
+    }
     steps = (MoveJ(end, zone=0.1), MoveJ(start), *LEGS, MoveJ(end, pause=0.1), MoveJ(start))
     bounds = {"profile": FIVE, "joint_profile": (1.0, 10.0, 200.0, 9000.0)}
     return {
-        "line": Move("line", "tool_line", start, 0.8, 5, displacement=(0.1, 0.1, -0.1), rotation=(0.2, 0.0, 0.3)),
-        "trapezoids": Move("line", "tool_line", start, 0.0, 0, displacement=(0.1, 0.1, -0.1), profile=FIVE),
-        "polynomials": Move("line", "tool_line", start, 0.0, 4, displacement=(0.1, 0.1, -0.1), profile=FIVE[:3]),
+        "line": Move(
+            "line",
+            "tool_line",
+            start,
+            0.8,
+            5,
+            displacement=(0.1, 0.1, -0.1),
+            rotation=(0.2, 0.0, 0.3),
+        ),
+        "trapezoids": Move(
+            "line", "tool_line", start, 0.0, 0, displacement=(0.1, 0.1, -0.1), profile=FIVE
+        ),
+        "polynomials": Move(
+            "line", "tool_line", start, 0.0, 4, displacement=(0.1, 0.1, -0.1), profile=FIVE[:3]
+        ),
         "arc": Move("arc", "tool_circle", start, 0.8, 5, **arc),
-        "turn": Move("turn", "tool_line", start, 0.8, 5, displacement=(0.0, 0.0, 0.0), rotation=(0.2, 0.4, -0.3)),
+        "turn": Move(
+            "turn",
+            "tool_line",
+            start,
+            0.8,
+            5,
+            displacement=(0.0, 0.0, 0.0),
+            rotation=(0.2, 0.4, -0.3),
+        ),
         "corner": Move("corner", "tool_polyline", start, 0.9, 6, legs=LEGS, radius=0.01),
-        "turning corner": Move("corner", "tool_polyline", start, 0.9, 6, legs=(LINE, LEGS[2]), radius=2.0),
-        "bounded corner": Move("corner", "tool_polyline", start, 0.0, 0, legs=LEGS, profile=FIVE, radius=0.01),
+        "turning corner": Move(
+            "corner", "tool_polyline", start, 0.9, 6, legs=(LINE, LEGS[2]), radius=2.0
+        ),
+        "bounded corner": Move(
+            "corner", "tool_polyline", start, 0.0, 0, legs=LEGS, profile=FIVE, radius=0.01
+        ),
         "joints": Move("joints", "joint", start, 0.7, 4, end=end),
         "program": Program("program", start=start, steps=steps, **bounds),
     }
@@ -82,14 +115,18 @@ def library(name: str) -> Library:
 def case(name: str, move: str) -> Path:
     """A path of a model: one of its own moves, or one of `robot_moves`."""
     own = {m.name: m for m in flexgen.read(name).moves}
-    chosen = own[move] if move in own and name != "manutec_r3" else robot_moves(own["line"].start)[move]
+    chosen = (
+        own[move] if move in own and name != "manutec_r3" else robot_moves(own["line"].start)[move]
+    )
     return Path(flexgen.derive(name), chosen)
 
 
 def instants(path: Path) -> np.ndarray:
     """Equidistant ones, those of laws and corners and near them, and some outside."""
     breaks = path.breaks
-    return np.sort(np.r_[np.linspace(-0.1, path.duration + 0.1, 301), breaks, breaks - 1e-9, breaks + 1e-9])
+    return np.sort(
+        np.r_[np.linspace(-0.1, path.duration + 0.1, 301), breaks, breaks - 1e-9, breaks + 1e-9]
+    )
 
 
 def right(path: Path, t: np.ndarray) -> list[np.ndarray]:
@@ -138,13 +175,17 @@ def test_duration_and_start_are_those_of_the_path() -> None:
 
 
 @pytest.mark.parametrize("bug", ["law", "corner", "sine"])
-def test_a_planted_change_of_an_operation_changes_the_bits(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planted_change_of_an_operation_changes_the_bits(
+    bug: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Planted: the last bit of the law's coefficients, the smoothness of the corners, the sine of the C library."""
     path = case("manutec_r3", "arc" if bug == "sine" else "corner")
     t = np.linspace(0.0, path.duration, 301)
     found = sampled(path, t)
     if bug == "law":
-        monkeypatch.setattr(time_laws, "comb", lambda n, k: __import__("math").comb(n, k) * (1.0 + 2.3e-16))
+        monkeypatch.setattr(
+            time_laws, "comb", lambda n, k: __import__("math").comb(n, k) * (1.0 + 2.3e-16)
+        )
     elif bug == "corner":
         monkeypatch.setattr(blended_curve, "BUMP", 3)
     else:
@@ -156,7 +197,12 @@ def test_a_planted_change_of_an_operation_changes_the_bits(bug: str, monkeypatch
 def test_sine_and_cosine_agree_with_the_c_library() -> None:
     """Against those of the C library, which err by less than one unit in the last place."""
     rng = np.random.default_rng(7)
-    x = np.r_[rng.uniform(-10, 10, 20_000), rng.uniform(-1e6, 1e6, 20_000), np.arange(-40, 41) * np.pi / 4, 0.0]
+    x = np.r_[
+        rng.uniform(-10, 10, 20_000),
+        rng.uniform(-1e6, 1e6, 20_000),
+        np.arange(-40, 41) * np.pi / 4,
+        0.0,
+    ]
     for found, expected in zip(sine_cosine(x), (np.sin(x), np.cos(x)), strict=True):
         assert np.abs(found - expected).max() <= 2.3e-16
     assert np.isnan(sine_cosine(np.array([2e6, np.nan, np.inf]))).all()
@@ -187,7 +233,13 @@ def test_a_stream_follows_the_samples_of_c() -> None:
 def test_tables_of_other_models_or_formats_are_refused() -> None:
     path = case("planar5_nmp", "line")
     emitted, table = library("planar5_nmp"), path.table()
-    for wrong in (table[:-1], np.r_[table, 0.0], np.zeros(5), np.full(50, np.nan), np.r_[table[0], 2, table[2:]]):
+    for wrong in (
+        table[:-1],
+        np.r_[table, 0.0],
+        np.zeros(5),
+        np.full(50, np.nan),
+        np.r_[table[0], 2, table[2:]],
+    ):
         with pytest.raises(ArgumentError, match="path_sampler"):
             emitted.path_sampler(wrong)
     with pytest.raises(ArgumentError, match="path_sampler"):
@@ -203,7 +255,18 @@ def test_a_c_program_reads_the_header(tmp_path) -> None:
     """The header that the command line writes, included by a controller: bits of the samples."""
     header = tmp_path / "line.h"
     answer = run(
-        *(sys.executable, "-m", "flexgen", "plan", "planar5_nmp", "--move", "line", "--out", header, "--json"),
+        *(
+            sys.executable,
+            "-m",
+            "flexgen",
+            "plan",
+            "planar5_nmp",
+            "--move",
+            "line",
+            "--out",
+            header,
+            "--json",
+        ),
         folder=tmp_path,
     )
     path = case("planar5_nmp", "line")
@@ -211,7 +274,17 @@ def test_a_c_program_reads_the_header(tmp_path) -> None:
     made = flexgen.generate("planar5_nmp", tmp_path / "library")
     (tmp_path / "client.c").write_text(CLIENT, encoding="ascii")
     libraries = [str(file) for file in made.directory.iterdir() if file.suffix == ".a"]
-    run(CC, "-std=c99", "client.c", f"-I{made.directory}", *libraries, "-lm", "-o", "client", folder=tmp_path)
+    run(
+        CC,
+        "-std=c99",
+        "client.c",
+        f"-I{made.directory}",
+        *libraries,
+        "-lm",
+        "-o",
+        "client",
+        folder=tmp_path,
+    )
     printed = [float.fromhex(word) for word in run(tmp_path / "client", folder=tmp_path).split()]
     expected = [x[0] for x in right(path, np.array([0.2]))]
     assert np.array_equal(printed, np.concatenate(expected))
@@ -219,7 +292,9 @@ def test_a_c_program_reads_the_header(tmp_path) -> None:
 
 def test_splines_through_samples_have_no_table(tmp_path) -> None:
     file = tmp_path / "path.csv"
-    file.write_text("x,y,z\n" + "".join(f"{0.9 - 0.01 * k},{0.6 + 0.02 * k},0\n" for k in range(12)))
+    file.write_text(
+        "x,y,z\n" + "".join(f"{0.9 - 0.01 * k},{0.6 + 0.02 * k},0\n" for k in range(12))
+    )
     start = flexgen.read("planar5_nmp").move("line").start
     move = Move("samples", "sampled", start, 1.0, 5, file=str(file), degree=5)
     with pytest.raises(ArgumentError, match="spline through samples"):
@@ -232,8 +307,16 @@ def damaged(table: np.ndarray, count: int) -> list[np.ndarray]:
     out = []
     for at in rng.integers(0, len(table), count):
         changed = table.copy()
-        changed[at] = rng.choice([-1.0, 0.0, 0.5, 2.0, 7.0, 1e3, 1e18, -1e300, float(len(table)), np.nan])
-        out.append(changed if rng.random() < 0.9 else np.r_[float(at), table[1:at]] if at > 0 else table[:1])
+        changed[at] = rng.choice(
+            [-1.0, 0.0, 0.5, 2.0, 7.0, 1e3, 1e18, -1e300, float(len(table)), np.nan]
+        )
+        out.append(
+            changed
+            if rng.random() < 0.9
+            else np.r_[float(at), table[1:at]]
+            if at > 0
+            else table[:1]
+        )
     return out
 
 
@@ -276,15 +359,33 @@ def test_sanitizers_find_nothing_in_damaged_tables(tmp_path, bug: str | None) ->
         header = made.directory / "src" / "manutec_r3_path_sampler.c"
         text = header.read_text(encoding="ascii")
         assert text.count("n > r->end - r->at") == 1
-        header.write_text(text.replace("n > r->end - r->at", "n > r->end - r->at + 1"), encoding="ascii")
-    used = [made.directory / "src" / f"manutec_r3_{name}.c" for name in ("path_sampler", "output_constraint")]
+        header.write_text(
+            text.replace("n > r->end - r->at", "n > r->end - r->at + 1"), encoding="ascii"
+        )
+    used = [
+        made.directory / "src" / f"manutec_r3_{name}.c"
+        for name in ("path_sampler", "output_constraint")
+    ]
     include = [f"-I{made.directory}", f"-I{made.directory / 'src'}"]
-    run(CC, "-std=c99", *SANITIZE, "client.c", *used, *include, "-lm", "-o", "client", folder=tmp_path)
+    run(
+        CC,
+        "-std=c99",
+        *SANITIZE,
+        "client.c",
+        *used,
+        *include,
+        "-lm",
+        "-o",
+        "client",
+        folder=tmp_path,
+    )
     with (tmp_path / "tables").open("wb") as file:
         for move in ("corner", "program", "joints"):
             for table in damaged(case("manutec_r3", move).table(), 400):
                 file.write(np.r_[float(len(table)), table].tobytes())
-    answer = subprocess.run([tmp_path / "client", tmp_path / "tables"], capture_output=True, text=True, check=False)
+    answer = subprocess.run(
+        [tmp_path / "client", tmp_path / "tables"], capture_output=True, text=True, check=False
+    )
     assert (answer.returncode == 0) == (bug is None), answer.stderr[:3000]
     if bug is None:
         assert answer.stdout.split() == ["1200", "tables"]
@@ -306,7 +407,11 @@ def test_run_time_parameters_are_an_argument(tmp_path) -> None:
     path = case("elbow", "joints")
     made = flexgen.generate("elbow", tmp_path / "payload", parameters=["payload"])
     emitted, t = flexgen.load(made.directory), np.linspace(0.0, path.duration, 31)
-    heavy = np.where(np.array([name.endswith("mass") for name in emitted.parameter_names]), 7.0, emitted.parameters)
+    heavy = np.where(
+        np.array([name.endswith("mass") for name in emitted.parameter_names]),
+        7.0,
+        emitted.parameters,
+    )
     expected = sampled(path, t)
     for parameters in (None, heavy):
         found = sampled(path, t, emitted.path_sampler(path.table(), parameters=parameters))
@@ -326,4 +431,6 @@ def test_the_table_of_a_planned_path_is_that_of_its_move() -> None:
 def test_a_path_with_the_name_of_a_function_has_another_name_in_c(name: str) -> None:
     text = path_header(flexgen.read("planar5_nmp"), name, np.array([1.0]), 1.0)
     assert f" planar5_nmp_path_{name}_[PLANAR5_NMP_PATH_{name.upper()}__SIZE]" in text
-    assert " planar5_nmp_path_worked[" in path_header(flexgen.read("planar5_nmp"), "worked", np.array([1.0]), 1.0)
+    assert " planar5_nmp_path_worked[" in path_header(
+        flexgen.read("planar5_nmp"), "worked", np.array([1.0]), 1.0
+    )

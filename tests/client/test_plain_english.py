@@ -37,10 +37,20 @@ IDIOMS = (
         "has four meanings",
         "in addition to, next to, relative to, besides",
     ),
-    Idiom(r"what (?:is|was) left of", "a clause for a noun", "the remaining, the residual, the rest of"),
-    Idiom(r"(?:stands?|stood) for", "unclear: names, equals or replaces", "is, means, is the name of"),
+    Idiom(
+        r"what (?:is|was) left of",
+        "a clause for a noun",
+        "the remaining, the residual, the rest of",
+    ),
+    Idiom(
+        r"(?:stands?|stood) for", "unclear: names, equals or replaces", "is, means, is the name of"
+    ),
     Idiom(r"go(?:es)? on", "colloquial", "continue"),
-    Idiom(r"(?:process|thread)(?:es|s)? of (?:its|their) own", "German word order", "a separate process"),
+    Idiom(
+        r"(?:process|thread)(?:es|s)? of (?:its|their) own",
+        "German word order",
+        "a separate process",
+    ),
     Idiom(
         r"(?:nobody|somebody|everybody|whoever)",
         "a program has users and processes",
@@ -98,7 +108,11 @@ def files() -> Iterator[Path]:
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*")):
             name = path.relative_to(ROOT).as_posix()
-            if path.suffix in ENDINGS and not name.startswith(DERIVED) and "__pycache__" not in name:
+            if (
+                path.suffix in ENDINGS
+                and not name.startswith(DERIVED)
+                and "__pycache__" not in name
+            ):
                 yield path
 
 
@@ -111,9 +125,14 @@ def test_no_idiom_in_documentation_comments_messages_and_test_names():
         if room in TO_DO:
             counted[room] += len(found)
         else:
-            wrong += [f"{name}: ...{near}...: {idiom.why}; write: {idiom.instead}" for near, idiom in found]
+            wrong += [
+                f"{name}: ...{near}...: {idiom.why}; write: {idiom.instead}"
+                for near, idiom in found
+            ]
     assert wrong == []
-    assert {room: (counted[room], most) for room, most in TO_DO.items() if counted[room] > most} == {}
+    assert {
+        room: (counted[room], most) for room, most in TO_DO.items() if counted[room] > most
+    } == {}
 
 
 @pytest.mark.parametrize(
@@ -135,6 +154,8 @@ def test_planted_idiom_is_found(sentence):
     assert len(hits(f"# ok\n{sentence}\n")) == 1
 
 
-@pytest.mark.parametrize("sentence", ["It is no longer valid.", "There is no solution.", "spectra beside the lines"])
+@pytest.mark.parametrize(
+    "sentence", ["It is no longer valid.", "There is no solution.", "spectra beside the lines"]
+)
 def test_plain_sentence_is_accepted(sentence):
     assert hits(sentence) == []

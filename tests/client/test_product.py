@@ -25,7 +25,8 @@ from flexgen.runtime import load
 
 pytestmark = needs_compiler
 
-PARAMETER_ROUNDING = 1e-10  # constants are folded in another order; the mass matrix amplifies that by its condition
+# constants are folded in another order; the mass matrix amplifies that by its condition
+PARAMETER_ROUNDING = 1e-10
 # What a freestanding compiler may call by itself; the functions need nothing else of the C library.
 BY_ITSELF = {"memset", "memcpy", "memmove"}
 
@@ -33,7 +34,9 @@ BY_ITSELF = {"memset", "memcpy", "memmove"}
 @cache
 def written(name: str, precision: str) -> Path:
     """The folder of a library that is not compiled; not to be changed."""
-    return generate(name, _folder() / f"{name}_{precision}", precision=precision, build=False).directory
+    return generate(
+        name, _folder() / f"{name}_{precision}", precision=precision, build=False
+    ).directory
 
 
 # --- packages ---------------------------------------------------------------------------------------------------------
@@ -70,7 +73,9 @@ def consumer(tmp_path):
 
 
 def answered(program: Path, **environment: str) -> None:
-    answer = subprocess.run([program], capture_output=True, text=True, check=True, env={**os.environ, **environment})
+    answer = subprocess.run(
+        [program], capture_output=True, text=True, check=True, env={**os.environ, **environment}
+    )
     assert answer.stdout.split() == ["0", library_spec(derive("elbow"), ["gravity"]).digest]
 
 
@@ -82,7 +87,8 @@ def test_cmake_and_pkg_config_find_what_was_installed(consumer, shared):
     run(cmake, "-S", folder, "-B", "library", f"-DBUILD_SHARED_LIBS={shared}", folder=consumer)
     flags = (consumer / "library/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
     assert all(flag in flags for flag in REPRODUCIBLE)
-    run(cmake, "library", "-DCMAKE_BUILD_TYPE=Debug", folder=consumer)  # it compiles in a third of the time
+    # it compiles in a third of the time
+    run(cmake, "library", "-DCMAKE_BUILD_TYPE=Debug", folder=consumer)
     run(cmake, "--build", "library", folder=consumer)
     run(cmake, "--install", "library", "--prefix", there, folder=consumer)
     assert sorted(path.name for path in (there / "include").iterdir()) == [
@@ -101,8 +107,12 @@ def linked(consumer: Path, where: Path) -> None:
     """Link the consumer as pkg-config says."""
     environment = {**os.environ, "PKG_CONFIG_PATH": str(where)}
     command = [tool("pkg-config"), "--cflags", "--libs", "elbow"]
-    words = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
-    subprocess.run(f"{CC} consumer.c {words.strip()} -o linked", shell=True, cwd=consumer, check=True)
+    words = subprocess.run(
+        command, capture_output=True, text=True, check=True, env=environment
+    ).stdout
+    subprocess.run(
+        f"{CC} consumer.c {words.strip()} -o linked", shell=True, cwd=consumer, check=True
+    )
 
 
 def test_pkg_config_finds_the_library_where_it_was_generated(consumer):
@@ -119,12 +129,16 @@ def test_cmake_takes_the_other_options(tmp_path):
     flags = (tmp_path / "b/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
     assert "-march=native" in flags and "-fopenmp" in flags and "-ffp-contract=off" not in flags
     unrolled = " ".join(line for line in flags.splitlines() if "-funroll-loops" in line)
-    assert {name for name in ("inversion", "bias") if f"elbow_{name}.c" in unrolled} == {"inversion"}
+    assert {name for name in ("inversion", "bias") if f"elbow_{name}.c" in unrolled} == {
+        "inversion"
+    }
     run(cmake, "-S", folder, "-B", "d", "-DCMAKE_BUILD_TYPE=Debug", folder=tmp_path)
     flags = (tmp_path / "d/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
     assert "-O2" not in flags and "-ffp-contract=off" in flags and "-funroll-loops" not in flags
     run(cmake, "-S", folder, "-B", "s", "-DCMAKE_BUILD_TYPE=MinSizeRel", folder=tmp_path)
-    assert "-funroll-loops" not in (tmp_path / "s/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
+    assert (
+        "-funroll-loops" not in (tmp_path / "s/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
+    )
 
 
 @pytest.mark.slow
@@ -153,7 +167,10 @@ def test_bytes_depend_on_no_folder(tmp_path, monkeypatch):
     assert [path.name for path in again.files] == [path.name for path in first.files]
     for a, b in zip(again.files, first.files, strict=True):
         assert a.read_bytes() == b.read_bytes(), a.name
-        assert str(tmp_path).encode() not in a.read_bytes() and str(ROOT).encode() not in a.read_bytes()
+        assert (
+            str(tmp_path).encode() not in a.read_bytes()
+            and str(ROOT).encode() not in a.read_bytes()
+        )
 
 
 # --- symbols and warnings ---------------------------------------------------------------------------------------------
@@ -177,7 +194,9 @@ def test_the_library_exports_its_functions_and_needs_libc_only(name, compiler, l
     assert defined == set(symbols(library_spec(derive(name))))
     headers = "".join(path.read_text(encoding="ascii") for path in made(name).directory.glob("*.h"))
     assert all(f"{symbol}(" in headers for symbol in defined)
-    needed = {line.split()[-1] for line in listed if " U " in line} - defined - {"_GLOBAL_OFFSET_TABLE_"}
+    needed = (
+        {line.split()[-1] for line in listed if " U " in line} - defined - {"_GLOBAL_OFFSET_TABLE_"}
+    )
     assert needed <= BY_ITSELF
     assert all(word in headers for word in needed)
 
@@ -193,11 +212,30 @@ def test_the_static_library_has_the_same_symbols():
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_sources_compile_without_warnings(compiler, precision, tmp_path):
-    for name in ("planar5_nmp", "elbow", *(("four_mass", "abb_arm") if precision == "double" else ())):
+    for name in (
+        "planar5_nmp",
+        "elbow",
+        *(("four_mass", "abb_arm") if precision == "double" else ()),
+    ):
         folder = written(name, precision)
-        run(tool(compiler), *STRICT, "-fsyntax-only", folder / "example.c", *sources(folder), folder=tmp_path)
+        run(
+            tool(compiler),
+            *STRICT,
+            "-fsyntax-only",
+            folder / "example.c",
+            *sources(folder),
+            folder=tmp_path,
+        )
         if name == "elbow":  # some warnings need the optimiser
-            run(tool(compiler), *STRICT, "-O2", "-c", folder / "example.c", *sources(folder), folder=tmp_path)
+            run(
+                tool(compiler),
+                *STRICT,
+                "-O2",
+                "-c",
+                folder / "example.c",
+                *sources(folder),
+                folder=tmp_path,
+            )
 
 
 @pytest.mark.slow
@@ -205,7 +243,8 @@ def test_sources_compile_without_warnings(compiler, precision, tmp_path):
 def test_sources_compile_as_cpp(compiler, tmp_path):
     for folder in (written("four_mass", "double"), written("elbow", "single")):
         run(tool(compiler), *STRICT_CPP, "-fsyntax-only", *sources(folder), folder=tmp_path)
-        newer = [*STRICT_CPP, "-std=c++20", "-Wno-missing-field-initializers"]  # the example names members
+        # the example names members
+        newer = [*STRICT_CPP, "-std=c++20", "-Wno-missing-field-initializers"]
         run(tool(compiler), *newer, "-fsyntax-only", folder / "example.c", folder=tmp_path)
 
 
@@ -216,7 +255,9 @@ def given(name: str, folder: Path) -> bytes:
 
 def has_sanitizer(compiler: str, flag: str, tmp_path: Path) -> None:
     (tmp_path / "probe.c").write_text("int main(void) { return 0; }\n")
-    answer = subprocess.run([compiler, flag, "probe.c", "-o", "probe"], cwd=tmp_path, capture_output=True, check=False)
+    answer = subprocess.run(
+        [compiler, flag, "probe.c", "-o", "probe"], cwd=tmp_path, capture_output=True, check=False
+    )
     if answer.returncode != 0:
         pytest.skip(f"{compiler} has no {flag}; install the Debian package gcc")
 
@@ -243,12 +284,23 @@ def test_parameters_are_shared_by_all_points(tmp_path):
     """With the values of the model file as arguments: the same calls, and the results of the library without them."""
     gcc, plain = tool("gcc"), made("elbow").directory
     has_sanitizer(gcc, "-fsanitize=address", tmp_path)
-    folder = generate("elbow", tmp_path / "with", parameters=["stiffness", "payload"], build=False).directory
-    assert any(port["name"] == "parameters" for f in clients.manifest_of(folder)["functions"] for port in f["inputs"])
+    folder = generate(
+        "elbow", tmp_path / "with", parameters=["stiffness", "payload"], build=False
+    ).directory
+    assert any(
+        port["name"] == "parameters"
+        for f in clients.manifest_of(folder)["functions"]
+        for port in f["inputs"]
+    )
     data, results = given("elbow", folder), []
     for k, where in enumerate((folder, plain)):
         program = clients.built(
-            where, tmp_path / str(k), gcc, "-O0", "-ffp-contract=off", "-fsanitize=address,undefined"
+            where,
+            tmp_path / str(k),
+            gcc,
+            "-O0",
+            "-ffp-contract=off",
+            "-fsanitize=address,undefined",
         )
         answer = clients.answer([str(program)], data, tmp_path)
         results.append(clients.results_of(clients.manifest_of(where), answer))
@@ -269,7 +321,9 @@ def test_sanitizers_find_a_planted_overflow(tmp_path):
     assert short != text
     header.write_text(short)
     program = clients.built(folder, tmp_path, gcc, "-O0", "-fsanitize=address")
-    answer = subprocess.run([program], input=given("elbow", folder), capture_output=True, check=False)
+    answer = subprocess.run(
+        [program], input=given("elbow", folder), capture_output=True, check=False
+    )
     assert answer.returncode != 0 and b"heap-buffer-overflow" in answer.stderr
 
 
@@ -279,8 +333,12 @@ def test_threads_do_not_disturb_each_other(tmp_path):
     has_sanitizer(gcc, "-fsanitize=thread", tmp_path)
     data = given("elbow", folder)
     alone = clients.built(folder, tmp_path / "alone", gcc, "-O0", "-ffp-contract=off")
-    program = clients.built(folder, tmp_path, gcc, "-O0", "-g", "-ffp-contract=off", "-fsanitize=thread", threads=4)
-    assert clients.answer([str(program)], data, tmp_path) == clients.answer([str(alone)], data, tmp_path)
+    program = clients.built(
+        folder, tmp_path, gcc, "-O0", "-g", "-ffp-contract=off", "-fsanitize=thread", threads=4
+    )
+    assert clients.answer([str(program)], data, tmp_path) == clients.answer(
+        [str(alone)], data, tmp_path
+    )
 
 
 @pytest.mark.slow
@@ -289,8 +347,12 @@ def test_openmp_gives_the_same_bits(tmp_path):
     has_sanitizer(gcc, "-fopenmp", tmp_path)
     data = given("planar5_nmp", folder)
     alone = clients.built(folder, tmp_path / "alone", gcc, "-O0", "-ffp-contract=off")
-    many = clients.built(folder, tmp_path, gcc, "-O0", "-ffp-contract=off", "-fopenmp", counts=(0, 1, 17, 300))
-    assert clients.answer([str(many)], data, tmp_path) == clients.answer([str(alone)], data, tmp_path)
+    many = clients.built(
+        folder, tmp_path, gcc, "-O0", "-ffp-contract=off", "-fopenmp", counts=(0, 1, 17, 300)
+    )
+    assert clients.answer([str(many)], data, tmp_path) == clients.answer(
+        [str(alone)], data, tmp_path
+    )
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
@@ -309,10 +371,34 @@ def test_the_controller_runs_at_one_kilohertz_against_the_library(tmp_path):
 def test_two_models_live_in_one_cpp_program(tmp_path):
     cpp = shutil.which("c++") or tool("g++")
     folders = [made(name).directory for name in ("planar5_nmp", "elbow")]
-    run(CC, "-std=c99", "-O1", "-c", *(path for folder in folders for path in sources(folder)), folder=tmp_path)
+    run(
+        CC,
+        "-std=c99",
+        "-O1",
+        "-c",
+        *(path for folder in folders for path in sources(folder)),
+        folder=tmp_path,
+    )
     includes = [f"-I{folder}" for folder in folders]
-    words = [cpp, "-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", *includes]
-    run(*words, ROOT / "examples/two_models.cpp", *sorted(tmp_path.glob("*.o")), "-lm", "-o", "two", folder=tmp_path)
+    words = [
+        cpp,
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Wconversion",
+        "-Werror",
+        *includes,
+    ]
+    run(
+        *words,
+        ROOT / "examples/two_models.cpp",
+        *sorted(tmp_path.glob("*.o")),
+        "-lm",
+        "-o",
+        "two",
+        folder=tmp_path,
+    )
     lines = run(tmp_path / "two", folder=tmp_path).splitlines()
     assert [line.split()[0] for line in lines] == ["planar5_nmp"] * 3 + ["elbow"] * 2
     angles = np.linspace(-np.pi, np.pi, 51)
@@ -322,4 +408,5 @@ def test_two_models_live_in_one_cpp_program(tmp_path):
         q = np.zeros((51 * 51, library.sizes["n_a"]))
         q[:, 0], q[:, 1] = np.tile(angles, 51), np.repeat(angles, 51)
         expected += list(np.abs(library.gravity(q)).max(axis=0))
-    assert np.allclose([float(line.split()[6]) for line in lines], expected, atol=0.006)  # printed with two decimals
+    # printed with two decimals
+    assert np.allclose([float(line.split()[6]) for line in lines], expected, atol=0.006)

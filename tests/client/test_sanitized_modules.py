@@ -52,15 +52,21 @@ def test_sanitizers_are_silent_for_loop_controllers_observers_and_poses(tmp_path
         pytest.skip("the compiler has no sanitizers; install the Debian package gcc")
     (tmp_path / "shim.c").write_text(SHIM)
     run(gcc, "-shared", "-fPIC", "-o", "shim.so", "shim.c", "-ldl", folder=tmp_path)
-    runtimes = [run(gcc, f"-print-file-name={name}.so", folder=tmp_path).strip() for name in ("libasan", "libubsan")]
+    runtimes = [
+        run(gcc, f"-print-file-name={name}.so", folder=tmp_path).strip()
+        for name in ("libasan", "libubsan")
+    ]
     environment = {
         **os.environ,
         "LD_PRELOAD": " ".join([str(tmp_path / "shim.so"), *runtimes]),
         "ASAN_OPTIONS": "detect_leaks=0:verify_asan_link_order=0:malloc_context_size=1:quarantine_size_mb=8",
-        "CC": f"{gcc} -O0",  # of the libraries, which are not those under sanitizers: these have -O1
+        # of the libraries, which are not those under sanitizers: these have -O1
+        "CC": f"{gcc} -O0",
     }
     command = [sys.executable, str(PROGRAM), str(tmp_path / "library"), *["planted"] * planted]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=900)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=environment, timeout=900
+    )
     if planted:
         found = "heap-buffer-overflow" in done.stderr or "runtime error" in done.stderr
         assert done.returncode != 0 and found and "no error was found" not in done.stdout
@@ -75,10 +81,14 @@ def writable(symbols: str) -> list[str]:
 
 def test_modules_have_no_variables_that_threads_could_share(tmp_path):
     """What two threads share is then only what the caller gives to both."""
-    found = sorted(str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.c") if "clib" not in path.parts)
+    found = sorted(
+        str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.c") if "clib" not in path.parts
+    )
     assert set(MODULES) <= set(found)
     given = [ca.SX.sym(name) for name in "xup"]
-    functions = {name: ca.Function(name.lower(), given, [ca.sin(given[0])]) for name in ("RATE", "OUTPUT")}
+    functions = {
+        name: ca.Function(name.lower(), given, [ca.sin(given[0])]) for name in ("RATE", "OUTPUT")
+    }
     for k, name in enumerate(MODULES):
         path = SOURCE / name
         if name == "simulation/segments.c":  # with functions, which are written in front of it
@@ -88,4 +98,5 @@ def test_modules_have_no_variables_that_threads_could_share(tmp_path):
         assert writable(run("nm", f"{k}.o", folder=tmp_path)) == [], name
     (tmp_path / "bad.c").write_text("int next(void) { static int k; return ++k; }\n")
     run(CC, "-O0", "-c", "bad.c", "-o", "bad.o", folder=tmp_path)
-    assert len(writable(run("nm", "bad.o", folder=tmp_path).replace("k.", "k_"))) == 1  # the planted variable
+    # the planted variable
+    assert len(writable(run("nm", "bad.o", folder=tmp_path).replace("k.", "k_"))) == 1

@@ -55,7 +55,10 @@ def test_every_public_name_is_in_the_reference(site: Path) -> None:
 
 @pytest.mark.slow
 def test_every_function_of_the_table_is_in_the_references(site: Path) -> None:
-    python, c = ((site / page).read_text(encoding="utf-8") for page in ("python_reference.html", "c_reference.html"))
+    python, c = (
+        (site / page).read_text(encoding="utf-8")
+        for page in ("python_reference.html", "c_reference.html")
+    )
     text = re.sub(r"<[^>]*>", "", python)
     assert [name for name in BUILDERS if f"{name}(" not in text] == []
     assert [row.name for row in TABLE if f">{row.name}<" not in c] == []
@@ -67,11 +70,31 @@ def test_every_function_of_the_table_is_in_the_references(site: Path) -> None:
 def test_no_page_loads_from_a_network(site: Path) -> None:
     pages = list(site.glob("*.html"))
     assert len(pages) > 25
-    assert {page.name: found for page in pages if (found := loaded_from_a_network(page.read_text("utf-8")))} == {}
+    assert {
+        page.name: found
+        for page in pages
+        if (found := loaded_from_a_network(page.read_text("utf-8")))
+    } == {}
     styles = list(site.rglob("*.css"))
-    assert styles and not any(re.search(r"url\([\"']?(?:https?:)?//", page.read_text("utf-8")) for page in styles)
+    assert styles and not any(
+        re.search(r"url\([\"']?(?:https?:)?//", page.read_text("utf-8")) for page in styles
+    )
 
 
 def test_a_planted_address_is_seen() -> None:
-    assert len(loaded_from_a_network('<script src="https://x.org/a.js"></script><a href="https://x.org">x</a>')) == 1
-    assert len(loaded_from_a_network('<link rel="stylesheet" href="//x.org/a.css"/><img src="_static/a.png">')) == 1
+    assert (
+        len(
+            loaded_from_a_network(
+                '<script src="https://x.org/a.js"></script><a href="https://x.org">x</a>'
+            )
+        )
+        == 1
+    )
+    assert (
+        len(
+            loaded_from_a_network(
+                '<link rel="stylesheet" href="//x.org/a.css"/><img src="_static/a.png">'
+            )
+        )
+        == 1
+    )

@@ -32,7 +32,9 @@ pytestmark = needs_compiler
 SPARE = 1.15  # of the memory, and some numbers: what the macro may ask for beyond what is needed
 NUMBERS = 2500
 TORQUE = (
-    1e-3  # of the largest: motions of stream and whole path agree better, their second derivatives by differences not
+    # of the largest: motions of stream and whole path agree better, their second derivatives by
+    # differences not
+    1e-3
 )
 GRID = [(1, 1), (1, 7), (2, 3), (10, 5), (11, 6), (37, 1), (100, 20), (513, 2), (10_000, 1_000)]
 
@@ -45,7 +47,9 @@ HARMONIC = "harmonic_elbow"  # with it too
 @cache
 def equations(name: str) -> Equations:
     if name == BRISTLED:
-        return derive(replace(bristled("elbow", {"m1": {"coulomb": 0.5, "stiffness": 800.0}}), name=BRISTLED))
+        return derive(
+            replace(bristled("elbow", {"m1": {"coulomb": 0.5, "stiffness": 800.0}}), name=BRISTLED)
+        )
     if name == HYSTERETIC:
         return derive(replace(with_elements("elbow", SLIPS), name=HYSTERETIC))
     if name == CURVED:
@@ -70,21 +74,45 @@ def library(name: str, precision: str = "double") -> GeneratedLibrary:
     folder = _folder() / f"{name}_stream_{precision}"
     parts = ["limits"] * (name in (LIMITED, HARMONIC))
     return generate(
-        equations(name).model, folder, functions=functions, amalgamate=True, precision=precision, parts=parts
+        equations(name).model,
+        folder,
+        functions=functions,
+        amalgamate=True,
+        precision=precision,
+        parts=parts,
     )
 
 
 def printed(
-    name: str, body: str, tmp_path, compiler: str = CC, language: str = "-std=c99", precision: str = "double"
+    name: str,
+    body: str,
+    tmp_path,
+    compiler: str = CC,
+    language: str = "-std=c99",
+    precision: str = "double",
 ) -> list[list[int]]:
     """The numbers that a program prints, line by line; ``@`` is replaced by the name in capitals, ``$`` by the name."""
-    text = f'#include "{name}.h"\n#include <stdio.h>\n\nint main(void)\n{{\n{body}    return 0;\n}}\n'
+    text = (
+        f'#include "{name}.h"\n#include <stdio.h>\n\nint main(void)\n{{\n{body}    return 0;\n}}\n'
+    )
     file = tmp_path / ("main.cpp" if "++" in language else "main.c")
     file.write_text(text.replace("@", name.upper()).replace("$", name))
     folder = library(name, precision).directory
-    words = [compiler, language, "-Wall", "-Wextra", "-Werror", f"-I{folder}", file, folder / f"lib{name}.a"]
+    words = [
+        compiler,
+        language,
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        f"-I{folder}",
+        file,
+        folder / f"lib{name}.a",
+    ]
     run(*words, "-lm", "-o", "program", folder=tmp_path)
-    return [[int(word) for word in line.split()] for line in run(tmp_path / "program", folder=tmp_path).splitlines()]
+    return [
+        [int(word) for word in line.split()]
+        for line in run(tmp_path / "program", folder=tmp_path).splitlines()
+    ]
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "planar5_mp", "beam_arm", "elbow"])
@@ -94,12 +122,17 @@ def test_the_slowest_unstable_zero_is_that_of_the_linear_model(name):
     tau = analyze(name).to_dict()["unstable_time_constant_s"]
     assert found is not None
     assert found.slowest_unstable_zero == pytest.approx(1.0 / tau if tau else 0.0, rel=1e-9)
-    assert found.look_ahead >= preview(tau) - 1e-12 and found.look_ahead == found.intervals * found.period
+    assert (
+        found.look_ahead >= preview(tau) - 1e-12
+        and found.look_ahead == found.intervals * found.period
+    )
 
 
 def test_no_recommendation_at_a_singular_pose():
     """The extended arm without gravity: its joints cannot move the output along the arm."""
-    robot = dataclasses.replace(equations("planar5_nmp").model, home=(0.0, 0.0), gravity=(0.0, 0.0, 0.0))
+    robot = dataclasses.replace(
+        equations("planar5_nmp").model, home=(0.0, 0.0), gravity=(0.0, 0.0, 0.0)
+    )
     made = library_spec(derive(robot), [f.name for f in spec("planar5_nmp").functions])
     assert stream_defaults(robot, made) is None
 
@@ -145,7 +178,13 @@ def test_the_constants_are_constant_expressions(language, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["elbow", *(pytest.param(x, marks=pytest.mark.slow) for x in ("planar5_nmp", LIMITED, HARMONIC, BRISTLED))],
+    [
+        "elbow",
+        *(
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("planar5_nmp", LIMITED, HARMONIC, BRISTLED)
+        ),
+    ],
 )
 def test_no_update_needs_more_operations_than_the_bound(name, tmp_path):
     """Counted by a number type of C++: short and long horizons, with limits that modify the path."""
@@ -166,11 +205,18 @@ def test_a_stream_with_the_recommended_options_follows_the_path(name):
     """Every update converges, and the torques are those of the whole path."""
     d = stream_defaults(equations(name).model, spec(name))
     assert d is not None
-    made, path = load(library(name).directory), Path(equations(name), equations(name).model.move(None))
+    made, path = (
+        load(library(name).directory),
+        Path(equations(name), equations(name).model.move(None)),
+    )
     reduction, fine = Reduction(equations(name)), d.period / d.samples_per_interval
     intervals = int(np.ceil(path.duration / d.period))
     y, dy, ddy = samples(reduction, path, d.period, intervals + 2 * d.intervals)
-    options = {"intervals": d.intervals, "samples_per_interval": d.samples_per_interval, "tolerance": d.tolerance}
+    options = {
+        "intervals": d.intervals,
+        "samples_per_interval": d.samples_per_interval,
+        "tolerance": d.tolerance,
+    }
     stream = made.stream(y[0], path.q_start, period=d.period, **options)
     updates = [stream.update(*sample) for sample in zip(y[1:], dy[1:], ddy[1:], strict=True)]
     assert all(update.converged for update in updates)

@@ -58,18 +58,24 @@ def machine_of(data: bytes) -> str:
 
 @slow
 @needs_compiler
-@pytest.mark.parametrize("functions", [SEVERAL, pytest.param(None, marks=pytest.mark.full, id="all")])
+@pytest.mark.parametrize(
+    "functions", [SEVERAL, pytest.param(None, marks=pytest.mark.full, id="all")]
+)
 @pytest.mark.parametrize("target", ["x86_64-windows", "aarch64-linux"])
 def test_a_program_of_another_computer_has_the_same_bits(target, functions, tmp_path):
     """Functions at random states, one by one and in batches, linked with the static library of the target."""
-    runner, environment = wine(tmp_path) if target == "x86_64-windows" else (tool("qemu-aarch64"), None)
+    runner, environment = (
+        wine(tmp_path) if target == "x86_64-windows" else (tool("qemu-aarch64"), None)
+    )
     model = flexgen.read("planar5_nmp")
     library = made(target, tmp_path, "planar5_nmp", functions=functions)
     manifest = clients.manifest_of(library)
     given = clients.inputs_of(manifest, random_states(model, clients.POINTS))
     (tmp_path / "client.c").write_text(clients.program(manifest), encoding="ascii")
     program = linked(target, library, tmp_path / "client.c", tmp_path / "client.exe")
-    done = subprocess.run([runner, str(program)], input=given, capture_output=True, env=environment, check=False)
+    done = subprocess.run(
+        [runner, str(program)], input=given, capture_output=True, env=environment, check=False
+    )
     assert done.returncode == 0, done.stderr.decode(errors="replace")[-2000:]
     own = flexgen.generate(model, tmp_path / "here", functions=functions, build=False).directory
     here = clients.built(own, tmp_path / "work", "cc", "-O2", "-ffp-contract=off")
@@ -77,7 +83,15 @@ def test_a_program_of_another_computer_has_the_same_bits(target, functions, tmp_
     assert done.stdout == expected and len(expected) > 1000
     # planted: products and sums contracted, which this computer's functions then have
     if target == "x86_64-windows" and "fma" in find_compiler(native=True).instruction_sets:
-        fast = clients.built(library, tmp_path / "fast", "cc", "-O2", "-march=native", "-ffp-contract=fast", counts=())
+        fast = clients.built(
+            library,
+            tmp_path / "fast",
+            "cc",
+            "-O2",
+            "-march=native",
+            "-ffp-contract=fast",
+            counts=(),
+        )
         assert clients.answer([str(fast)], given, tmp_path) != expected
 
 
@@ -89,7 +103,9 @@ def test_wine_loads_the_dll_and_that_of_an_fmu(tmp_path):
 
     def load(dll: Path, *symbols: str) -> str:
         words = [runner, str(loader), str(dll), *symbols]
-        return subprocess.run(words, capture_output=True, text=True, env=environment, check=False).stdout.strip()
+        return subprocess.run(
+            words, capture_output=True, text=True, env=environment, check=False
+        ).stdout.strip()
 
     (dll,) = library.glob("*.dll")
     assert load(dll, "elbow_inverse_dynamics", "elbow_mass_matrix_batch") == "loaded"
@@ -112,7 +128,11 @@ def without_runtime(monkeypatch, tmp_path):
 
     def link(compiler, *words, **options):
         more = ["-nostdlib", str(stubs)] if compiler.suffix == "dll" else []
-        return [word for word in link_command(compiler, *words, *more, **options) if not (more and word == "-lm")]
+        return [
+            word
+            for word in link_command(compiler, *words, *more, **options)
+            if not (more and word == "-lm")
+        ]
 
     monkeypatch.setattr(Compiler, "link_command", link)
 
@@ -132,8 +152,14 @@ def check_libraries(target, tmp_path):
     written = flexgen.generate("elbow", tmp_path / "made", target=target, functions=FEW)
     manifest = json.loads((written.directory / "manifest.json").read_text("utf-8"))["build"]
     assert manifest["target"] == target
-    library, static = written.directory / manifest["library"], written.directory / manifest["static"]
-    assert library.suffix == f".{TARGETS[target].suffix}" and machine_of(library.read_bytes()) == target
+    library, static = (
+        written.directory / manifest["library"],
+        written.directory / manifest["static"],
+    )
+    assert (
+        library.suffix == f".{TARGETS[target].suffix}"
+        and machine_of(library.read_bytes()) == target
+    )
     assert static.read_bytes().startswith(b"!<arch>\n") and {library, static} <= set(written.files)
     assert str(tmp_path).encode() not in library.read_bytes()
     assert flexgen.generate("elbow", tmp_path / "made", target=target, functions=FEW).cached
@@ -156,21 +182,44 @@ def check_platforms(version, tmp_path):
     from fmpy.validation import validate_fmu
 
     path = tmp_path / "robot.fmu"
-    words = ["export", "fmu", "four_mass", "--fmi", version, "--platforms", "all", "--out", str(path), "-q"]
+    words = [
+        "export",
+        "fmu",
+        "four_mass",
+        "--fmi",
+        version,
+        "--platforms",
+        "all",
+        "--out",
+        str(path),
+        "-q",
+    ]
     assert main(words) == 0
     assert validate_fmu(str(path)) == []
     with zipfile.ZipFile(path) as archive:
-        found = {name: machine_of(archive.read(name)) for name in archive.namelist() if name.startswith("binaries/")}
+        found = {
+            name: machine_of(archive.read(name))
+            for name in archive.namelist()
+            if name.startswith("binaries/")
+        }
     assert found == {
-        f"binaries/{target.fmi_name(version)}/four_mass.{target.suffix}": name for name, target in TARGETS.items()
+        f"binaries/{target.fmi_name(version)}/four_mass.{target.suffix}": name
+        for name, target in TARGETS.items()
     }
-    result = fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", stop_time=0.01, output=["motor.m1.angle"])
+    result = fmpy.simulate_fmu(
+        str(path), fmi_type="CoSimulation", stop_time=0.01, output=["motor.m1.angle"]
+    )
     alone = flexgen.export_fmu("four_mass", tmp_path / "alone.fmu", version=version)
-    expected = fmpy.simulate_fmu(str(alone.path), fmi_type="CoSimulation", stop_time=0.01, output=["motor.m1.angle"])
+    expected = fmpy.simulate_fmu(
+        str(alone.path), fmi_type="CoSimulation", stop_time=0.01, output=["motor.m1.angle"]
+    )
     assert result.tobytes() == expected.tobytes() and len(result) > 2
 
 
 def test_a_library_of_another_computer_is_refused():
-    with pytest.raises(flexgen.BuildError, match=r"given a library for aarch64-macos, expected one for this computer"):
+    with pytest.raises(
+        flexgen.BuildError,
+        match=r"given a library for aarch64-macos, expected one for this computer",
+    ):
         refuse_other_computer({"target": "aarch64-macos"})
     refuse_other_computer({"target": None})

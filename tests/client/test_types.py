@@ -112,9 +112,15 @@ def test_every_class_that_a_public_function_returns_is_public() -> None:
     public = {name: getattr(flexgen, name) for name in flexgen.__all__ if name != "__version__"}
     hidden = set()
     for name, what in public.items():
-        members = inspect.getmembers(what) if inspect.isclass(what) and not issubclass(what, (str, Exception)) else []
+        members = (
+            inspect.getmembers(what)
+            if inspect.isclass(what) and not issubclass(what, (str, Exception))
+            else []
+        )
         calls = [
-            getattr(m, "fget", None) or getattr(m, "func", None) or m for key, m in members if not key.startswith("_")
+            getattr(m, "fget", None) or getattr(m, "func", None) or m
+            for key, m in members
+            if not key.startswith("_")
         ]
         for call in [*calls, *([] if inspect.isclass(what) else [what])]:
             if not inspect.isfunction(inspect.unwrap(call)) and not inspect.ismethod(call):
@@ -141,7 +147,11 @@ def interpreter(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
     if request.param == "wheel":
         install(python, built(clone, folder / "dist"))
         return python
-    (line,) = [line for line in (ROOT / "Makefile").read_text("utf-8").splitlines() if line.startswith("INSTALL :=")]
+    (line,) = [
+        line
+        for line in (ROOT / "Makefile").read_text("utf-8").splitlines()
+        if line.startswith("INSTALL :=")
+    ]
     assert line.endswith("-m pip install --quiet --no-compile --editable")
     install(python, "--editable", clone)
     return python
@@ -155,23 +165,54 @@ def scripts(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_mypy_finds_the_mistakes_of_a_client_and_nothing_else(interpreter: Path, scripts: Path, tmp_path: Path) -> None:
+def test_mypy_finds_the_mistakes_of_a_client_and_nothing_else(
+    interpreter: Path, scripts: Path, tmp_path: Path
+) -> None:
     pytest.importorskip("mypy")
-    environment = {name: text for name, text in os.environ.items() if name not in ("MYPYPATH", "PYTHONPATH")}
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--python-executable", str(interpreter)]
+    environment = {
+        name: text for name, text in os.environ.items() if name not in ("MYPYPATH", "PYTHONPATH")
+    }
+    command = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--config-file=",
+        "--python-executable",
+        str(interpreter),
+    ]
     command += ["--no-error-summary", "--hide-error-context", "right.py", "wrong.py"]
-    done = subprocess.run(command, cwd=scripts, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=scripts, env=environment, capture_output=True, text=True, check=False
+    )
     lines = [line.split(":") for line in done.stdout.splitlines() if ": error:" in line]
-    assert done.returncode == 1 and [row for row in lines if row[0] != "wrong.py"] == [], done.stdout + done.stderr
+    assert done.returncode == 1 and [row for row in lines if row[0] != "wrong.py"] == [], (
+        done.stdout + done.stderr
+    )
     assert {int(row[1]) for row in lines} == mistakes(), done.stdout
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("basedpyright") is None, reason="needs basedpyright: make setup-lint")
-def test_pyright_finds_the_mistakes_of_a_client_and_nothing_else(interpreter: Path, scripts: Path) -> None:
-    settings = {"typeCheckingMode": "standard", "reportUnusedExpression": False, "reportMissingTypeStubs": False}
+@pytest.mark.skipif(
+    importlib.util.find_spec("basedpyright") is None, reason="needs basedpyright: make setup-lint"
+)
+def test_pyright_finds_the_mistakes_of_a_client_and_nothing_else(
+    interpreter: Path, scripts: Path
+) -> None:
+    settings = {
+        "typeCheckingMode": "standard",
+        "reportUnusedExpression": False,
+        "reportMissingTypeStubs": False,
+    }
     (scripts / "pyrightconfig.json").write_text(json.dumps(settings), encoding="utf-8")
-    command = [sys.executable, "-m", "basedpyright", "--pythonpath", str(interpreter), "--outputjson"]
+    command = [
+        sys.executable,
+        "-m",
+        "basedpyright",
+        "--pythonpath",
+        str(interpreter),
+        "--outputjson",
+    ]
     done = subprocess.run(command, cwd=scripts, capture_output=True, text=True, check=False)
     found = [
         (Path(d["file"]).name, d["range"]["start"]["line"] + 1, d["message"])

@@ -36,9 +36,15 @@ def test_it_contains_all_that_is_in_the_packages(wheel: Path) -> None:
     assert wheel.name.startswith(f"flexgen_robotics-{flexgen.__version__}-")
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
-    expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / "flexgen").rglob("*") if path.is_file()}
+    expected = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "flexgen").rglob("*")
+        if path.is_file()
+    }
     expected = {name for name in expected if "__pycache__" not in name}
-    expected |= {f"flexgen/models/{path.name}" for path in (ROOT / "models").iterdir() if path.is_file()}
+    expected |= {
+        f"flexgen/models/{path.name}" for path in (ROOT / "models").iterdir() if path.is_file()
+    }
     data = f"flexgen_robotics-{flexgen.__version__}.data/data/share/flexgen/"
     expected |= {data + name for name in examples()}
     assert {name for name in names if not name.partition("/")[0].endswith(".dist-info")} == expected
@@ -51,8 +57,17 @@ def test_the_sdist_contains_all_that_the_wheel_needs(wheel: Path) -> None:
     with tarfile.open(archive) as opened:
         names = {name.partition("/")[2] for name in opened.getnames()}
     with zipfile.ZipFile(wheel) as made:
-        packaged = {name for name in made.namelist() if name.startswith("flexgen/") and "/models/" not in name}
-    assert packaged | examples() | {"pyproject.toml", "LICENSE", "README.md", "flexgen/models/elbow.toml"} <= names
+        packaged = {
+            name
+            for name in made.namelist()
+            if name.startswith("flexgen/") and "/models/" not in name
+        }
+    assert (
+        packaged
+        | examples()
+        | {"pyproject.toml", "LICENSE", "README.md", "flexgen/models/elbow.toml"}
+        <= names
+    )
 
 
 def test_the_bytes_of_both_repeat(wheel: Path) -> None:
@@ -62,7 +77,9 @@ def test_the_bytes_of_both_repeat(wheel: Path) -> None:
     for path in other.rglob("*"):
         os.utime(path, (1.6e9, 1.6e9))
     again = built(other, other.parent / "dist", 0o077)
-    for first, second in zip(sorted(wheel.parent.iterdir()), sorted(again.parent.iterdir()), strict=True):
+    for first, second in zip(
+        sorted(wheel.parent.iterdir()), sorted(again.parent.iterdir()), strict=True
+    ):
         assert first.name == second.name and first.read_bytes() == second.read_bytes()
     source = other / "flexgen" / "errors.py"
     source.write_text(source.read_text("utf-8") + "\n", "utf-8")  # planted: another source
@@ -79,11 +96,15 @@ def test_it_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
 
     def call(*words: object) -> str:
         command = [str(word) for word in words]
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    assert Path(call(python, "-c", "import flexgen; print(flexgen.__file__)").strip()).is_relative_to(place)
+    assert Path(
+        call(python, "-c", "import flexgen; print(flexgen.__file__)").strip()
+    ).is_relative_to(place)
     command = place / "bin" / "flexgen"
     assert call(command, "--version").split() == ["flexgen", flexgen.__version__]
     assert "elbow" in call(command, "models")
@@ -93,7 +114,11 @@ def test_it_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     made = tmp_path / "generated" / "elbow"
     assert {"elbow.h", "manifest.json"} <= {path.name for path in made.iterdir()}
     shared = place / "share" / "flexgen"
-    installed = {path.relative_to(shared).as_posix() for path in shared.rglob("*") if path.is_file()}
+    installed = {
+        path.relative_to(shared).as_posix() for path in shared.rglob("*") if path.is_file()
+    }
     assert {name for name in installed if "__pycache__" not in name} == examples()
-    output = call(python, shared / "examples" / "gallery" / "flexible_link.py", tmp_path / "pictures")
+    output = call(
+        python, shared / "examples" / "gallery" / "flexible_link.py", tmp_path / "pictures"
+    )
     assert "12.365" in output and (tmp_path / "pictures" / "flexible_link.svg").exists()

@@ -65,14 +65,19 @@ def test_the_flexible_joint_baseline_is_the_closed_form() -> None:
         other = flexgen.solve(equations, "joints", method=method, verify=False).trajectory
         at = np.searchsorted(other.time, closed.time - 1e-9)
         assert np.abs(other.time[at] - closed.time).max() < 1e-4
-        torque = np.stack([np.interp(closed.time, other.time, column) for column in other["tau_m"].T], axis=1)
+        torque = np.stack(
+            [np.interp(closed.time, other.time, column) for column in other["tau_m"].T], axis=1
+        )
         assert np.abs(torque - closed["tau_m"]).max() < 1e-4 * np.abs(closed["tau_m"]).max()
 
 
 def test_rigid_torque_by_the_textbook() -> None:
     """tau_m = J eta a_g + f(eta v_g) + eta^-T (M a + c + g)_g with all elements undeflected."""
     equations = flexgen.derive(
-        read("planar5_nmp", overrides={"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 100.0]})
+        read(
+            "planar5_nmp",
+            overrides={"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 100.0]},
+        )
     )
     model = equations.model
     trajectory = flexgen.solve(equations, method="rigid", verify=False).trajectory
@@ -81,7 +86,11 @@ def test_rigid_torque_by_the_textbook() -> None:
     load = evaluate(equations.function("inverse_dynamics"), q, v, a)[0][:, :2]
     eta = np.array([[100.0, 0.0], [30.0, 100.0]])
     assert (model.eta == eta).all()
-    by_hand = np.array([40e-4, 25e-4]) * (a[:, :2] @ eta.T) + 20e-4 * (v[:, :2] @ eta.T) + load @ np.linalg.inv(eta)
+    by_hand = (
+        np.array([40e-4, 25e-4]) * (a[:, :2] @ eta.T)
+        + 20e-4 * (v[:, :2] @ eta.T)
+        + load @ np.linalg.inv(eta)
+    )
     assert np.abs(trajectory["tau_m"] - by_hand).max() < SAME * np.abs(by_hand).max()
     # the tool of the undeflected arm is on the path
     tool = evaluate(equations.function("output"), q)[0]
@@ -100,9 +109,9 @@ def test_quasistatic_deflections_balance_their_loads() -> None:
     v, a = np.zeros_like(motion.q), np.zeros_like(motion.q)
     v[:, :2] = np.linalg.solve(W[:, :, :2], sample.derivative(1)[:, :, None])[:, :, 0]
     dW = evaluate(equations.function("jacobian_dot"), motion.q, v)[0][:, :2]
-    a[:, :2] = np.linalg.solve(W[:, :, :2], (sample.derivative(2) - np.einsum("nij,nj->ni", dW, v))[:, :, None])[
-        :, :, 0
-    ]
+    a[:, :2] = np.linalg.solve(
+        W[:, :, :2], (sample.derivative(2) - np.einsum("nij,nj->ni", dW, v))[:, :, None]
+    )[:, :, 0]
     load = evaluate(equations.function("inverse_dynamics"), motion.q, v, a)[0][:, 2]
     spring = evaluate(equations.function("elastic_torque"), motion.q, 0 * v)[0][:, 0]
     assert np.abs(load - spring).max() < 1e-9 * np.abs(spring).max()
@@ -143,14 +152,18 @@ def test_an_omitted_rotor_is_seen() -> None:
     trajectory = flexgen.solve(equations, method="rigid", verify=False).trajectory
     inertia = np.array([motor.inertia for motor in equations.model.motors])
     wrong = dict(trajectory.channels, tau_m=trajectory["tau_m"] - inertia * trajectory["a_m"])
-    assert (simulate(equations, dataclasses.replace(trajectory, channels=wrong)).tool_error_max_m or 0) > 1e-4
+    assert (
+        simulate(equations, dataclasses.replace(trajectory, channels=wrong)).tool_error_max_m or 0
+    ) > 1e-4
 
 
 def test_joint_moves_need_no_inverse_kinematics() -> None:
     """Also through a pose where the tool cannot be placed freely: the stretched arm."""
     equations = flexgen.derive("planar5_nmp")
     through = Move("through", "joint", (0.3, -0.4), 0.6, 5, end=(0.3, 0.4))
-    motion = stiff_motion(Reduction(equations), Path(equations, through), np.linspace(0.0, 0.6, 101))
+    motion = stiff_motion(
+        Reduction(equations), Path(equations, through), np.linspace(0.0, 0.6, 101)
+    )
     assert np.isfinite(motion.tau_g).all() and np.abs(motion.q[:, 1]).min() < 1e-12
 
 

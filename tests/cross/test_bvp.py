@@ -63,7 +63,10 @@ def flat_arm() -> RobotModel:
     body = model.elements[2].body
     assert body is not None
     xi = body.com[0]
-    return replace(model, tool=Placement(((body.inertia[2][2] + body.mass * xi**2) / (body.mass * xi), 0.0, 0.0)))
+    return replace(
+        model,
+        tool=Placement(((body.inertia[2][2] + body.mass * xi**2) / (body.mass * xi), 0.0, 0.0)),
+    )
 
 
 def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
@@ -87,12 +90,18 @@ def test_it_agrees_with_the_other_methods(name: str) -> None:
     if name not in PLANAR:  # there collocation takes minutes; the simulation judges
         solution = make_solution(problem, "bvp", answer)
         assert (
-            simulate(problem.equations, solution.trajectory, start=problem.equilibrium).tool_error_max_m or 0.0
+            simulate(
+                problem.equations, solution.trajectory, start=problem.equilibrium
+            ).tool_error_max_m
+            or 0.0
         ) < MICRON / 10
         return
     other = collocation.solve(problem, usual(problem))
     inside = (other.t >= answer.t[0]) & (other.t <= answer.t[-1])
-    tau, q = (make_interp_spline(answer.t, x, k=7)(other.t[inside]) for x in (answer.motors.tau_m, answer.q))
+    tau, q = (
+        make_interp_spline(answer.t, x, k=7)(other.t[inside])
+        for x in (answer.motors.tau_m, answer.q)
+    )
     assert np.abs((tau - other.motors.tau_m[inside]) / size).max() < OTHER_MESH
     assert np.abs((q - other.q[inside])[:, i_e]).max() < OTHER_MOTION
 
@@ -105,7 +114,10 @@ def test_the_tool_stays_on_the_path(name: str) -> None:
         problem = question(name, mesh=mesh)
         solution = make_solution(problem, "bvp", bvp.solve(problem, mesh))
         assert (
-            simulate(problem.equations, solution.trajectory, start=problem.equilibrium).tool_error_max_m or 0.0
+            simulate(
+                problem.equations, solution.trajectory, start=problem.equilibrium
+            ).tool_error_max_m
+            or 0.0
         ) < most
 
 
@@ -126,7 +138,10 @@ def test_boundary_conditions_select_stable_and_unstable_subspaces(name: str) -> 
     found = [answer.details[f"unstable_zeros_{end}"] for end in ("start", "end")]
     assert found == [unstable_zeros(equations, q) for q in poses]
     if name == "planar5_mp":  # all fades: the start is exact rest
-        assert np.abs(answer.v[0]).max() < 1e-12 and np.abs(answer.q[0] - problem.equilibrium.q_a).max() < 1e-12
+        assert (
+            np.abs(answer.v[0]).max() < 1e-12
+            and np.abs(answer.q[0] - problem.equilibrium.q_a).max() < 1e-12
+        )
         return
     # one real zero of either sign: v_e = z (q_e - rest). With a short window the distance from rest is well above
     # rounding; what is left is of the second order in it.
@@ -134,7 +149,9 @@ def test_boundary_conditions_select_stable_and_unstable_subspaces(name: str) -> 
     early = bvp.solve(short, 1e-3)
     rest = equilibrium_at(equations, problem.equilibrium.q_a)
     zeros = inner_zeros(equations, linearize(equations, rest), rest).real
-    assert early.v[0, e] / (early.q[0, e] - problem.equilibrium.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
+    assert early.v[0, e] / (early.q[0, e] - problem.equilibrium.q_a[e]) == pytest.approx(
+        zeros.max(), rel=1e-3
+    )
 
 
 # --- what it refuses --------------------------------------------------------------------------------------------------
@@ -142,8 +159,14 @@ def test_boundary_conditions_select_stable_and_unstable_subspaces(name: str) -> 
     ("model", "words"),
     [
         (flat_arm, "goes through infinity on the path; use invert .method lq"),
-        (lambda: last_joint(read("planar5_mp"), 1.0, 0.0), "on the imaginary axis.*; use invert .method lq"),
-        (lambda: ROBOTS / "spatial.toml", "number of unstable zeros differs.*; use invert .method lq"),
+        (
+            lambda: last_joint(read("planar5_mp"), 1.0, 0.0),
+            "on the imaginary axis.*; use invert .method lq",
+        ),
+        (
+            lambda: ROBOTS / "spatial.toml",
+            "number of unstable zeros differs.*; use invert .method lq",
+        ),
     ],
     ids=["flat", "undamped", "zeros change"],
 )
@@ -158,7 +181,9 @@ def test_moves_that_bvp_refuses_are_solved_by_lq(model, words: str) -> None:
 def test_bvp_solves_near_the_flat_point() -> None:
     """With zeros at some +-10^5 1/s, a tool a few micrometres further out."""
     model = flat_arm()
-    problem = question(replace(model, tool=Placement(((1 + 1e-5) * model.tool.position[0], 0.0, 0.0))))
+    problem = question(
+        replace(model, tool=Placement(((1 + 1e-5) * model.tool.position[0], 0.0, 0.0)))
+    )
     answer = bvp.solve(problem, usual(problem))
     assert answer.details["unstable_zeros_start"] == answer.details["unstable_zeros_end"] == 1
 
@@ -166,14 +191,20 @@ def test_bvp_solves_near_the_flat_point() -> None:
 def test_it_needs_coordinates_without_motor() -> None:
     with pytest.raises(ArgumentError, match=r"no non-actuated coordinates.*use closed-form"):
         bvp.solve(question("elbow"), 5e-3)
-    with pytest.raises(ArgumentError, match=r"parts: given 'bvp', but model elbow has no coordinates without motor"):
+    with pytest.raises(
+        ArgumentError, match=r"parts: given 'bvp', but model elbow has no coordinates without motor"
+    ):
         made("elbow", "bvp")
 
 
 def test_a_library_has_it_only_where_it_was_asked_for() -> None:
-    texts = "".join(path.read_text() for path in made("planar5_nmp").files if path.suffix in (".c", ".h"))
+    texts = "".join(
+        path.read_text() for path in made("planar5_nmp").files if path.suffix in (".c", ".h")
+    )
     assert "planar5_nmp_bvp" not in texts
-    with pytest.raises(ArgumentError, match=r"without bvp, expected one .* with parts=\['bvp'\] \(--with bvp\)"):
+    with pytest.raises(
+        ArgumentError, match=r"without bvp, expected one .* with parts=\['bvp'\] \(--with bvp\)"
+    ):
         _ = loaded("planar5_nmp").bvp
     with pytest.raises(ArgumentError, match="parts: given 'lq', expected some of bvp"):
         made("planar5_nmp", "lq")
@@ -213,7 +244,10 @@ def test_the_library_offers_it() -> None:
 
 # --- planted bugs -----------------------------------------------------------------------------------------------------
 PLANTED = {
-    "rows swapped": [("&at, 1, b->first", "&at, 0, b->first"), ("&at, 0, b->last", "&at, 1, b->last")],
+    "rows swapped": [
+        ("&at, 1, b->first", "&at, 0, b->first"),
+        ("&at, 0, b->last", "&at, 1, b->last"),
+    ],
     "equilibrium forgotten": [
         (
             "b->equilibrium_start[NE + i] = b->equilibrium_end[NE + i] = 0.0;",
@@ -221,7 +255,10 @@ PLANTED = {
         )
     ],
     "wrong interval length": [
-        ("b->m = mesh_in(&l, p, options, work);", "b->m = mesh_in(&l, p, options, work); b->m.h *= 0.999;")
+        (
+            "b->m = mesh_in(&l, p, options, work);",
+            "b->m = mesh_in(&l, p, options, work); b->m.h *= 0.999;",
+        )
     ],
 }
 

@@ -31,7 +31,13 @@ JUSTIN = ROOT / "examples" / "justin" / "justin.toml"
 DATA = Path(os.environ.get("FLEXGEN_DATA", "")) / "justin" / "poses.csv"
 TRACKERS = [
     {"name": "flange", "type": "tracker", "unit": "m", "position": [0.05, 0.02, 0.1]},
-    {"name": "elbow", "type": "tracker", "unit": "m", "element": "body4", "position": [0.1, 0.0, 0.05]},
+    {
+        "name": "elbow",
+        "type": "tracker",
+        "unit": "m",
+        "element": "body4",
+        "position": [0.1, 0.0, 0.05],
+    },
 ]
 
 
@@ -61,7 +67,9 @@ def commands(count: int, seed: int = 0, joints: int = 6) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1.5, 1.5, (count, joints))
 
 
-def drawn(model: RobotModel, free: tuple[str, ...], priors: Priors, seed: int = 1) -> tuple[Tree, list, np.ndarray]:
+def drawn(
+    model: RobotModel, free: tuple[str, ...], priors: Priors, seed: int = 1
+) -> tuple[Tree, list, np.ndarray]:
     """A tree, its unknowns, and values drawn from their priors; the frame of the measurement is moderate."""
     tree = Tree(model)
     unknowns = unknowns_of(tree, free, (), priors)
@@ -82,8 +90,11 @@ def test_positions_are_those_of_the_equations_of_motion(name: str) -> None:
     for sag, close in ((True, 1e-9), (False, 1e-12)):
         here = statics.rest(Numbers.of(statics.tree), rigid=not sag).points
         assert np.abs(here - flexgen.tracker_positions(model, q, sag=sag)).max() < close
-    stiffer = replace(Numbers.of(statics.tree), compliances=0.99 * Numbers.of(statics.tree).compliances)
-    assert np.abs(statics.rest(stiffer).points - flexgen.tracker_positions(model, q)).max() > 1e-7  # planted
+    stiffer = replace(
+        Numbers.of(statics.tree), compliances=0.99 * Numbers.of(statics.tree).compliances
+    )
+    # planted
+    assert np.abs(statics.rest(stiffer).points - flexgen.tracker_positions(model, q)).max() > 1e-7
 
 
 def test_changed_keys_are_the_changed_numbers() -> None:
@@ -96,14 +107,23 @@ def test_changed_keys_are_the_changed_numbers() -> None:
         statics = Statics(tree, joints)
         there = flexgen.read(robot.file, overrides={"sensor": TRACKERS} if robot is arm() else None)
         changed = flexgen.read(
-            there.file, overrides=({"sensor": TRACKERS} if robot is arm() else {}) | changes_of(robot, numbers)
+            there.file,
+            overrides=({"sensor": TRACKERS} if robot is arm() else {}) | changes_of(robot, numbers),
         )
-        assert np.abs(flexgen.tracker_positions(changed, joints) - statics.rest(numbers).points).max() < 1e-9
+        assert (
+            np.abs(flexgen.tracker_positions(changed, joints) - statics.rest(numbers).points).max()
+            < 1e-9
+        )
         frame = numbers.frame
         seen = flexgen.read(
-            there.file, overrides=({"sensor": TRACKERS} if robot is arm() else {}) | changes_of(robot, numbers, frame)
+            there.file,
+            overrides=({"sensor": TRACKERS} if robot is arm() else {})
+            | changes_of(robot, numbers, frame),
         )
-        assert np.abs(flexgen.tracker_positions(seen, joints) - statics.rest(numbers).measured).max() < 1e-9
+        assert (
+            np.abs(flexgen.tracker_positions(seen, joints) - statics.rest(numbers).measured).max()
+            < 1e-9
+        )
 
 
 def test_changed_keys_and_slopes_of_an_arm_with_counterbalances() -> None:
@@ -112,16 +132,23 @@ def test_changed_keys_and_slopes_of_an_arm_with_counterbalances() -> None:
     tree, unknowns, x = drawn(model, GROUPS, Priors(compliance=0.3, mass=0.1))
     statics, numbers = Statics(tree, q), Numbers.of(tree, unknowns, x)
     rest = statics.rest(numbers)
-    changed = flexgen.read("manutec_r3_18", overrides=overrides_of_balanced() | changes_of(model, numbers))
+    changed = flexgen.read(
+        "manutec_r3_18", overrides=overrides_of_balanced() | changes_of(model, numbers)
+    )
     assert np.abs(flexgen.tracker_positions(changed, q) - rest.points).max() < 1e-9
     slopes, _ = statics.slopes(numbers, rest, unknowns)
     for k, u in enumerate(unknowns):
         if u.name.split(".")[0] in ("q2", "q3", "t3z"):
             step = np.zeros(len(x))
             step[k] = 1e-3 * u.sd
-            high, low = (statics.rest(Numbers.of(tree, unknowns, x + s * step)).measured for s in (1, -1))
+            high, low = (
+                statics.rest(Numbers.of(tree, unknowns, x + s * step)).measured for s in (1, -1)
+            )
             difference = (high - low) / (2 * step[k])
-            assert np.abs(difference - slopes[..., k]).max() < 1e-4 * np.abs(difference).max() + 2e-8 / step[k], u.name
+            assert (
+                np.abs(difference - slopes[..., k]).max()
+                < 1e-4 * np.abs(difference).max() + 2e-8 / step[k]
+            ), u.name
 
 
 @pytest.mark.slow
@@ -133,16 +160,25 @@ def test_slopes_are_differences() -> None:
     slopes, _ = statics.slopes(Numbers.of(tree, unknowns, x), rest, unknowns)
     kinds = {u.kind for u in unknowns}
     assert kinds == {"node", "frame", "tracker", "compliance", "factor", "mass", "center"}
-    for k, u in list(enumerate(unknowns))[::3] + [(k, u) for k, u in enumerate(unknowns) if u.kind == "factor"]:
+    for k, u in list(enumerate(unknowns))[::3] + [
+        (k, u) for k, u in enumerate(unknowns) if u.kind == "factor"
+    ]:
         step = np.zeros(len(x))
         step[k] = 1e-3 * (u.sd if u.kind != "frame" else 1e-2)
-        high, low = (statics.rest(Numbers.of(tree, unknowns, x + s * step)).measured for s in (1, -1))
+        high, low = (
+            statics.rest(Numbers.of(tree, unknowns, x + s * step)).measured for s in (1, -1)
+        )
         difference = (high - low) / (2 * step[k])
-        assert np.abs(difference - slopes[..., k]).max() < 1e-4 * np.abs(difference).max() + 2e-8 / step[k], u.name
+        assert (
+            np.abs(difference - slopes[..., k]).max()
+            < 1e-4 * np.abs(difference).max() + 2e-8 / step[k]
+        ), u.name
 
 
 @lru_cache
-def calibrated(robust: bool = True, gross: int = 0) -> tuple[flexgen.Calibration, np.ndarray, np.ndarray]:
+def calibrated(
+    robust: bool = True, gross: int = 0
+) -> tuple[flexgen.Calibration, np.ndarray, np.ndarray]:
     """A calibration of a robot drawn from the priors, noise 0.1 mm; joints and positions of 50 other poses."""
     tree, unknowns, x = drawn(arm(), GROUPS, Priors(compliance=0.3))
     numbers = Numbers.of(tree, unknowns, x)
@@ -159,10 +195,18 @@ def calibrated(robust: bool = True, gross: int = 0) -> tuple[flexgen.Calibration
 
 def test_a_tracker_on_an_elastic_base_is_taken() -> None:
     """Only springs move it; a rigid robot explains nothing of that."""
-    base = {"name": "base", "type": "tracker", "unit": "m", "element": "foundation", "position": [0.3, 0.2, 0.1]}
+    base = {
+        "name": "base",
+        "type": "tracker",
+        "unit": "m",
+        "element": "foundation",
+        "position": [0.3, 0.2, 0.1],
+    }
     robot = flexgen.read("manutec_r3_30", overrides={"sensor": [*TRACKERS, base]})
     dofs = next(element.dofs for element in robot.elements if element.name == "foundation")
-    springs = {f"element.foundation.dof.{d.name}.spring.stiffness": 0.8 * d.spring.stiffness for d in dofs}
+    springs = {
+        f"element.foundation.dof.{d.name}.spring.stiffness": 0.8 * d.spring.stiffness for d in dofs
+    }
     softer = flexgen.read(robot.file, overrides={"sensor": [*TRACKERS, base], **springs})
     q = commands(30)
     data = flexgen.StaticPoses(q, flexgen.tracker_positions(softer, q))
@@ -192,7 +236,9 @@ def test_standard_deviations_agree_with_the_errors() -> None:
         q = commands(60, seed)
         noise = 1e-4 * np.random.default_rng(seed).normal(size=(60, 2, 3))
         seen = Statics(tree, q).rest(Numbers.of(tree, unknowns, x)).measured + noise
-        found = flexgen.calibrate(arm(), flexgen.StaticPoses(q, seen), folds=0, priors=Priors(compliance=0.3))
+        found = flexgen.calibrate(
+            arm(), flexgen.StaticPoses(q, seen), folds=0, priors=Priors(compliance=0.3)
+        )
         for u, true in zip(unknowns, x, strict=True):
             if u.kind != "frame" and found.sd[u.name] > 0.0:
                 inside.append(abs(found.values[u.name] - true) < 1.96 * found.sd[u.name])
@@ -217,7 +263,9 @@ BRANCHES = (
     + AXIS.format("left", "base", "q1", SPRUNG)
     + AXIS.format("right", "base", "q2", SPRUNG)
     + AXIS.format("hand", "left", "turned", "mimic = { q1 = -0.5, q2 = -0.8 }")
-    + "".join(f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-4\n' for k in (1, 2))
+    + "".join(
+        f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-4\n' for k in (1, 2)
+    )
     + '[output]\ntype = "joint"\njoints = ["q1", "q2"]\n'
     + '[[sensor]]\nname = "point"\ntype = "tracker"\nunit = "m"\nelement = "hand"\nposition = [0.4, 0.1, 0.0]\n'
 )
@@ -227,21 +275,38 @@ def test_an_axis_that_moves_the_tracker_by_a_mechanism_alone_is_fitted(tmp_path:
     """q2 does not carry the hand, but a mechanism turns the hand with it, by its zero and its deflection too."""
     (tmp_path / "branches.toml").write_text(BRANCHES)
     model = flexgen.read(tmp_path / "branches.toml")
-    there = flexgen.read(model.file, overrides={"element.right.dof.q2.gear.spring.stiffness": 3.5e3})
+    there = flexgen.read(
+        model.file, overrides={"element.right.dof.q2.gear.spring.stiffness": 3.5e3}
+    )
     q, zero = commands(60, joints=2), np.array([0.0, 0.02])
-    seen = flexgen.tracker_positions(there, q + zero) + 2e-5 * np.random.default_rng(0).normal(size=(60, 1, 3))
-    found = flexgen.calibrate(model, flexgen.StaticPoses(q, seen), free=["zeros", "compliances"], folds=0)
+    seen = flexgen.tracker_positions(there, q + zero) + 2e-5 * np.random.default_rng(0).normal(
+        size=(60, 1, 3)
+    )
+    found = flexgen.calibrate(
+        model, flexgen.StaticPoses(q, seen), free=["zeros", "compliances"], folds=0
+    )
     assert not found.problem
-    for name, value in (("q2.zero", 0.02), ("q2.compliance", 1 / 3.5e3), ("q1.compliance", 1 / 5e3)):
+    for name, value in (
+        ("q2.zero", 0.02),
+        ("q2.compliance", 1 / 3.5e3),
+        ("q1.compliance", 1 / 5e3),
+    ):
         assert abs(found.values[name] - value) < 3 * found.sd[name] and found.determined[name], name
     loads = {u.name for u in unknowns_of(Tree(model), ("masses",), (), Priors())}
     assert {"left.mass", "right.mass", "hand.mass"} <= loads
 
 
-def test_a_body_that_loads_a_spring_by_a_mechanism_alone_has_an_unknown_mass(tmp_path: Path) -> None:
+def test_a_body_that_loads_a_spring_by_a_mechanism_alone_has_an_unknown_mass(
+    tmp_path: Path,
+) -> None:
     text = BRANCHES.replace(SPRUNG, 'gear = { type = "rigid" }', 1)
     (tmp_path / "branches.toml").write_text(text)
-    loads = {u.name for u in unknowns_of(Tree(flexgen.read(tmp_path / "branches.toml")), ("masses",), (), Priors())}
+    loads = {
+        u.name
+        for u in unknowns_of(
+            Tree(flexgen.read(tmp_path / "branches.toml")), ("masses",), (), Priors()
+        )
+    }
     assert "hand.mass" in loads and "left.mass" not in loads
 
 
@@ -252,7 +317,12 @@ def test_gross_errors_change_little() -> None:
         found, other, truth = calibrated(robust, gross=8)
         assert least < np.linalg.norm(found.predict(other) - truth, axis=2).mean() < most
     assert "poses have an error above" in " ".join(calibrated(True, gross=8)[0].warnings)
-    check_numbers("calibration_gross", 1e-5, robust=calibrated(True, gross=8)[0], plain=calibrated(False, gross=8)[0])
+    check_numbers(
+        "calibration_gross",
+        1e-5,
+        robust=calibrated(True, gross=8)[0],
+        plain=calibrated(False, gross=8)[0],
+    )
 
 
 def test_a_tilt_from_pose_to_pose_is_found() -> None:
@@ -292,8 +362,13 @@ def test_independent_errors_are_not_taken_for_a_tilt() -> None:
         B = components.tilt_slopes(statics, numbers, rest, ["body2"])[0]
         turned = (B @ (6e-4 * rng.normal(size=(len(B), 3)))[..., None]).reshape(noise.shape)
         usable = np.ones(len(B), bool)
-        named += components.find_tilt(statics, numbers, rest, rest.measured + noise, usable) is not None
-        least += components.find_tilt(statics, numbers, rest, rest.measured + noise + turned, usable) is not None
+        named += (
+            components.find_tilt(statics, numbers, rest, rest.measured + noise, usable) is not None
+        )
+        least += (
+            components.find_tilt(statics, numbers, rest, rest.measured + noise + turned, usable)
+            is not None
+        )
     assert named == 0 and least == 6
 
 
@@ -306,7 +381,9 @@ def test_the_frame_of_few_poses_is_found() -> None:
         statics = Statics(tree, commands(count, seed))
         rng = np.random.default_rng(seed)
         axis = rng.normal(size=3)
-        turn = Rotation.from_rotvec(np.radians(rng.uniform(90, 180)) * axis / np.linalg.norm(axis)).as_matrix()
+        turn = Rotation.from_rotvec(
+            np.radians(rng.uniform(90, 180)) * axis / np.linalg.norm(axis)
+        ).as_matrix()
         seen = statics.rest(first, rigid=True).points @ turn.T + [1.0, 2.0, -0.5]
         found = frames.start_frames(statics, seen, ())
         assert frames.rigid_errors(statics, seen, found).max() < 1e-9
@@ -332,11 +409,15 @@ def test_a_wrong_mechanism_asks_for_negative_compliance() -> None:
     """The chest turned by the commanded angles instead of the actual ones: warned, by name; the right model is not."""
     truth = flexgen.read(JUSTIN)
     q = 0.6 * commands(120, joints=17)
-    seen = flexgen.tracker_positions(truth, q) + 2e-4 * np.random.default_rng(0).normal(size=(120, 2, 3))
+    seen = flexgen.tracker_positions(truth, q) + 2e-4 * np.random.default_rng(0).normal(
+        size=(120, 2, 3)
+    )
     data = flexgen.StaticPoses(q, seen)
     right = flexgen.calibrate(truth, data, free=["compliances"], folds=0)
     assert not any("negative" in text for text in right.warnings)
-    half = flexgen.read(JUSTIN, overrides={"element.chest.dof.upright.mimic": {"q1": -0.5, "q2": -0.5}})
+    half = flexgen.read(
+        JUSTIN, overrides={"element.chest.dof.upright.mimic": {"q1": -0.5, "q2": -0.5}}
+    )
     wrong = flexgen.calibrate(half, data, free=["zeros", "compliances"], folds=0)
     assert any("negative compliance" in text for text in wrong.warnings)
     found = flexgen.calibrate(half, data, free=["zeros", "compliances", "mechanisms"], folds=0)
@@ -363,7 +444,12 @@ def test_proposed_poses_tell_more_than_random_ones() -> None:
         found.propose_poses(61, candidates)
 
 
-HEADER = ",".join([*(f"q{k}_deg" for k in range(1, 7)), *(f"{t}_{a}_mm" for t in ("flange", "elbow") for a in "xyz")])
+HEADER = ",".join(
+    [
+        *(f"q{k}_deg" for k in range(1, 7)),
+        *(f"{t}_{a}_mm" for t in ("flange", "elbow") for a in "xyz"),
+    ]
+)
 
 
 @pytest.mark.parametrize(
@@ -405,7 +491,9 @@ def test_bad_calls_are_refused() -> None:
     with pytest.raises(ModelError, match="a beam"):
         flexgen.calibrate(flexgen.read("beam_arm", overrides={"sensor": TRACKERS[:1]}), data)
     with pytest.raises(ModelError, match="expected a linear spring"):
-        flexgen.calibrate(flexgen.read("kr300", "backlash", overrides={"sensor": TRACKERS[:1]}), data)
+        flexgen.calibrate(
+            flexgen.read("kr300", "backlash", overrides={"sensor": TRACKERS[:1]}), data
+        )
 
 
 MISTAKES = {
@@ -430,7 +518,9 @@ def test_a_mistake_in_the_poses_is_named(words: str) -> None:
         flexgen.calibrate(arm(), flexgen.StaticPoses(*MISTAKES[words](q, y)), folds=0)
 
 
-def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Far from the origin, with positions that were not seen; the second tracker has more error for its scatter.
 
     The third has the most, but no joint moves it.
@@ -445,12 +535,19 @@ def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(monkeypa
     seen = measured[:, 1]
     scatter = np.median(np.linalg.norm(seen - seen.mean(axis=0), axis=1))
     unused: Any = None
-    assert mistakes._agreement(unused, measured, unused) == pytest.approx((np.median(errors[:, 1]), scatter))
+    assert mistakes._agreement(unused, measured, unused) == pytest.approx(
+        (np.median(errors[:, 1]), scatter)
+    )
 
 
 @pytest.mark.parametrize(
     ("error", "words"),
-    [(0.0999, ""), (0.1001, "doubt"), (0.4999, "doubt"), (0.5001, "check units, signs and the order of the columns")],
+    [
+        (0.0999, ""),
+        (0.1001, "doubt"),
+        (0.4999, "doubt"),
+        (0.5001, "check units, signs and the order of the columns"),
+    ],
 )
 @pytest.mark.parametrize("left", [0.55, 0.65, 0.9, 1.1])
 def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
@@ -469,7 +566,9 @@ def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
         assert len(parts) == (2 if not words else 0)
         return
     words = "probably another" if named else words
-    text = f"that scatter by 2 m, of which the model leaves {2 * error:.3g} m unexplained, .*{words}"
+    text = (
+        f"that scatter by 2 m, of which the model leaves {2 * error:.3g} m unexplained, .*{words}"
+    )
     with pytest.raises(ArgumentError, match=text):
         mistakes.find_start(statics, data, ())
 
@@ -513,8 +612,19 @@ def test_command_line_writes_a_model_file(tmp_path: Path) -> None:
     seen = Statics(tree, q).rest(Numbers.of(tree, unknowns, x)).measured
     rows = np.hstack([np.degrees(q), 1e3 * seen.reshape(40, -1)])
     poses = tmp_path / "poses.csv"
-    poses.write_text(HEADER + "\n" + "\n".join(",".join(f"{v:.12g}" for v in row) for row in rows) + "\n")
-    args = ["--free", "zeros,compliances", "--prior", "compliance=0.3", "--folds", "0", "--add-poses", "2"]
+    poses.write_text(
+        HEADER + "\n" + "\n".join(",".join(f"{v:.12g}" for v in row) for row in rows) + "\n"
+    )
+    args = [
+        "--free",
+        "zeros,compliances",
+        "--prior",
+        "compliance=0.3",
+        "--folds",
+        "0",
+        "--add-poses",
+        "2",
+    ]
     args += [
         "--out",
         str(tmp_path / "new.toml"),
@@ -554,5 +664,7 @@ def test_real_humanoid() -> None:
     for k in rng.choice(len(poses), 15, replace=False):
         direction = rng.normal(size=3)
         spoiled[k, k % 2] += 0.05 * direction / np.linalg.norm(direction)
-    again = flexgen.calibrate(JUSTIN, flexgen.StaticPoses(poses.commands, spoiled), place=["right1", "left1"], folds=0)
+    again = flexgen.calibrate(
+        JUSTIN, flexgen.StaticPoses(poses.commands, spoiled), place=["right1", "left1"], folds=0
+    )
     assert np.linalg.norm(again.predict(poses.commands) - poses.positions, axis=2).mean() < 3.1e-3

@@ -16,7 +16,13 @@ from flexgen.model.elements import RobotModel
 
 TRACKERS = [
     {"name": "flange", "type": "tracker", "unit": "m", "position": [0.05, 0.02, 0.1]},
-    {"name": "elbow", "type": "tracker", "unit": "m", "element": "body4", "position": [0.1, 0.0, 0.05]},
+    {
+        "name": "elbow",
+        "type": "tracker",
+        "unit": "m",
+        "element": "body4",
+        "position": [0.1, 0.0, 0.05],
+    },
 ]
 SLIDES = (("x", [1, 0, 0], 4e5), ("y", [0, 1, 0], 3e5), ("z", [0, 0, 1], 2e5))
 TURNS = (("a", [0, 0, 1], 1e4), ("b", [1, 0, 0], 6e3))
@@ -43,13 +49,17 @@ def gantry(folder: Path) -> RobotModel:
         text += f'[[motor]]\nname = "m_{name}"\ndrives = "{name}"\nratio = 100\ninertia = 1e-4\n'
     text += '[output]\ntype = "joint"\njoints = ["x", "y", "z", "a", "b"]\n'
     for name, element in (("hand", "eb"), ("car", "ez")):
-        text += f'[[sensor]]\nname = "{name}"\ntype = "tracker"\nunit = "m"\nelement = "{element}"\n'
+        text += (
+            f'[[sensor]]\nname = "{name}"\ntype = "tracker"\nunit = "m"\nelement = "{element}"\n'
+        )
         text += "position = [0.2, 0.1, -0.1]\n"
     (folder / "gantry.toml").write_text(text, encoding="utf-8")
     return flexgen.read(folder / "gantry.toml")
 
 
-def of_drawn(model: RobotModel, q: np.ndarray, noise: float, seed: int) -> tuple[flexgen.Calibration, np.ndarray]:
+def of_drawn(
+    model: RobotModel, q: np.ndarray, noise: float, seed: int
+) -> tuple[flexgen.Calibration, np.ndarray]:
     """The calibration of a robot drawn from the priors, and its true numbers."""
     tree = Tree(model)
     unknowns = unknowns_of(tree, GROUPS, (), Priors())
@@ -65,7 +75,9 @@ def of_drawn(model: RobotModel, q: np.ndarray, noise: float, seed: int) -> tuple
 def test_lengths_across_an_angle_that_is_not_determined_have_their_width(seed: int) -> None:
     """Along the arc of the angle the length changes with its square: 8 and 10 standard deviations of the tangent."""
     model = flexgen.read("manutec_r3_18", overrides={"sensor": TRACKERS})
-    found, true = of_drawn(model, np.random.default_rng(seed).uniform(-1.5, 1.5, (60, 6)), 1e-4, seed)
+    found, true = of_drawn(
+        model, np.random.default_rng(seed).uniform(-1.5, 1.5, (60, 6)), 1e-4, seed
+    )
     size = [
         abs(x - y) / found.sd[u.name]
         for u, x, y in zip(found.unknowns, found.x, true, strict=True)
@@ -94,7 +106,10 @@ def test_units_of_slides_are_named_and_what_stays_unexplained_is_warned(tmp_path
         wrong = flexgen.StaticPoses(np.where(turns, q, factor * q), seen)
         with pytest.raises(ArgumentError, match=f"probably slides in {words}"):
             flexgen.calibrate(model, wrong, folds=0)
-    assert flexgen.calibrate(model, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0).warnings == ()
+    assert (
+        flexgen.calibrate(model, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0).warnings
+        == ()
+    )
     q[:, 2] -= q[:, 1]
     found = flexgen.calibrate(model, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0)
     assert "of the motion of the trackers unexplained" in found.warnings[0]

@@ -42,10 +42,16 @@ def test_an_arm_without_elastic_coordinates_is_compared_with_the_rigid_model_onl
     solution, said = flexgen.solve("elbow"), []
     found = flexgen.compare(solution, progress=said.append)
     assert said == ["comparison: method rigid"]
-    assert [one.method for one in found.solutions] == ["rigid", "closed-form"] and found.robustness is None
+    assert [one.method for one in found.solutions] == [
+        "rigid",
+        "closed-form",
+    ] and found.robustness is None
     assert found.to_dict() == {"comparison": error_rows(found.solutions)}
     legend = found.plot().axes[0].get_legend()
-    assert [text.get_text().partition(":")[0] for text in legend.get_texts()] == ["rigid", "closed-form"]
+    assert [text.get_text().partition(":")[0] for text in legend.get_texts()] == [
+        "rigid",
+        "closed-form",
+    ]
     unverified = flexgen.solve("elbow", verify=False)
     assert flexgen.compare(unverified).solutions == ()
     with pytest.raises(flexgen.ArgumentError, match="interrupted"):
@@ -64,8 +70,16 @@ def test_report_shows_them_together(compared, tmp_path) -> None:
     equations, solutions = compared
     named = {solution.method: solution for solution in solutions}
     rows = compare_plants(equations, named, plants=(Plant("stiffness -5 %", stiffness=0.95),))
-    page = write_report(equations, solutions[-1], tmp_path, compared=solutions, robustness=rows).read_text("utf-8")
-    for text in ("Tool error by method", "quasistatic", "Robustness", "stiffness -5 %", 'id="methods"'):
+    page = write_report(
+        equations, solutions[-1], tmp_path, compared=solutions, robustness=rows
+    ).read_text("utf-8")
+    for text in (
+        "Tool error by method",
+        "quasistatic",
+        "Robustness",
+        "stiffness -5 %",
+        'id="methods"',
+    ):
         assert text in page
     # on another machine, too, the better model stays the better one
     errors = {(row["control"], row["method"]): row["error_max_m"] for row in rows}
@@ -79,11 +93,15 @@ def joints_of_both_units():
     return replace(model, output=Output("combination", "", weights, "mixed"))
 
 
-@pytest.mark.parametrize("name", ["joints of both units", "abb_arm", "planar5_nmp", "manutec_r3_18"])
+@pytest.mark.parametrize(
+    "name", ["joints of both units", "abb_arm", "planar5_nmp", "manutec_r3_18"]
+)
 def test_errors_are_reported_by_unit(name: str) -> None:
     """Those of the simulation, of the comparison and of the plants are the same."""
     equations = derive(joints_of_both_units() if name.startswith("joints") else name)
-    solution = flexgen.solve(equations, next(m for m in equations.model.moves if m.type == "joint"), "rigid")
+    solution = flexgen.solve(
+        equations, next(m for m in equations.model.moves if m.type == "joint"), "rigid"
+    )
     simulation, sizes = solution.simulation, error_sizes(solution)
     assert simulation is not None
     known = {"m": simulation.tool_error_max_m, "rad": simulation.tool_error_max_rad}
@@ -92,7 +110,8 @@ def test_errors_are_reported_by_unit(name: str) -> None:
     apart = output_errors(equations, Path(equations, solution.move), done.time, done["q_a"])
     for unit, size in sizes.items():
         assert size.max() == known[unit] > 0
-        assert np.abs(np.linalg.norm(apart[unit], axis=1) - size).max() < 1e-4 * size.max()  # sine for angle
+        # sine for angle
+        assert np.abs(np.linalg.norm(apart[unit], axis=1) - size).max() < 1e-4 * size.max()
 
 
 @pytest.mark.slow
@@ -107,4 +126,6 @@ def test_the_distance_from_a_plan_separates_meters_and_angles() -> None:
     moved = replace(simulation.trajectory, channels={**simulation.trajectory.channels})
     moved.channels["q_a"] = simulation.trajectory["q_a"] + last
     in_m, in_rad = plan_error(equations, solution, replace(simulation, trajectory=moved))
-    assert in_rad == pytest.approx(2e-3, rel=1e-3) and in_m == pytest.approx(2e-3 * np.hypot(0.1, 0.1), rel=1e-3)
+    assert in_rad == pytest.approx(2e-3, rel=1e-3) and in_m == pytest.approx(
+        2e-3 * np.hypot(0.1, 0.1), rel=1e-3
+    )

@@ -25,7 +25,10 @@ def machine(found: Analysis) -> ToolCompliance:
     plant, n = MujocoMachine(model), model.n_a
 
     def force(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        x, dx = plant.P @ np.concatenate([q, rest.q_m]), plant.P @ np.concatenate([v, np.zeros(model.n_m)])
+        x, dx = (
+            plant.P @ np.concatenate([q, rest.q_m]),
+            plant.P @ np.concatenate([v, np.zeros(model.n_m)]),
+        )
         plant._set(x, dx)
         return np.array(plant.d.qfrc_smooth[plant.at_v[:n]])
 
@@ -52,14 +55,17 @@ def test_static_and_dynamic_compliance_agree_with_mujoco(name: str) -> None:
     f = ours.frequencies[:: len(ours.frequencies) // 12]
     a, b = ours.response(f), theirs.response(f)
     assert np.abs(a - b).max() < 1e-5 * np.abs(a).max()
-    wrong = replace(ours, K=ours.K + np.diag(np.eye(len(ours.K))[0]) * 1e-3 * ours.K[0, 0])  # a planted bug is seen
+    # a planted bug is seen
+    wrong = replace(ours, K=ours.K + np.diag(np.eye(len(ours.K))[0]) * 1e-3 * ours.K[0, 0])
     assert np.abs(wrong.matrix - theirs.matrix).max() > 1e-6 * largest
 
 
 def test_a_beam_of_one_spring() -> None:
     """One rotation about z with a spring k, a tool at distance r: r^2/k across, 0 along, and 1/k in rotation."""
     k, r, m = 2.0e4, 0.5, 3.0
-    one = ToolCompliance(*(np.array([[x]]) for x in (m * r * r, 4.0, k)), np.array([[0, r, 0, 0, 0, 1.0]]).T)
+    one = ToolCompliance(
+        *(np.array([[x]]) for x in (m * r * r, 4.0, k)), np.array([[0, r, 0, 0, 0, 1.0]]).T
+    )
     values, directions = one.principal()
     np.testing.assert_allclose(values, [r * r / k, 0, 0], atol=1e-18)
     np.testing.assert_allclose(directions[0], [0, 1, 0], atol=1e-12)

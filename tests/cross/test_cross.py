@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 from mujoco_referee import NO_BEAMS, MujocoReferee
 from planted_bugs import ANGULAR, scaled, wrong_coriolis, wrong_gravity
-from referee import ALL_MODELS, Answers, Referee, answers, assert_close, model_of, random_model, random_state
+from referee import (
+    ALL_MODELS,
+    Answers,
+    Referee,
+    answers,
+    assert_close,
+    model_of,
+    random_model,
+    random_state,
+)
 
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import BacklashSpring, RobotModel
@@ -20,7 +29,8 @@ from flexgen.model.elements import BacklashSpring, RobotModel
 TORQUE = 1e-11  # of the largest torque: rounding along chains of some ten bodies, in another order
 OUTSIDE = 1e-11  # the same, through MuJoCo's quaternions
 MOTION = 1e-12  # poses and velocities of size one
-ACCELERATION = 1e-9  # of the largest acceleration, through mass matrices with condition numbers up to 1e5
+# of the largest acceleration, through mass matrices with condition numbers up to 1e5
+ACCELERATION = 1e-9
 STATES = 20
 
 
@@ -50,7 +60,9 @@ def check_newton_euler(a: Answers, name: str) -> None:
         expected = judge.inverse_dynamics(s.q_a, s.v_a, s.a_a)
         scale = np.abs(expected).max()
         assert_close(a.inverse_dynamics(s.q_a, s.v_a, s.a_a), expected, TORQUE)
-        assert_close(a.bias(s.q_a, s.v_a), judge.inverse_dynamics(s.q_a, s.v_a, zero), TORQUE, scale)
+        assert_close(
+            a.bias(s.q_a, s.v_a), judge.inverse_dynamics(s.q_a, s.v_a, zero), TORQUE, scale
+        )
         assert_close(a.gravity(s.q_a), judge.gravity(s.q_a), TORQUE, scale)
         assert_close(a.mass_matrix(s.q_a), judge.mass_matrix(s.q_a), TORQUE)
 
@@ -61,7 +73,9 @@ def check_mujoco(a: Answers, name: str) -> None:
     for s in states(name):
         expected = judge.inverse_dynamics(s.q_a, s.v_a, s.a_a)
         assert_close(a.inverse_dynamics(s.q_a, s.v_a, s.a_a), expected, OUTSIDE)
-        assert_close(a.bias(s.q_a, s.v_a), judge.bias(s.q_a, s.v_a), OUTSIDE, np.abs(expected).max())
+        assert_close(
+            a.bias(s.q_a, s.v_a), judge.bias(s.q_a, s.v_a), OUTSIDE, np.abs(expected).max()
+        )
         assert_close(a.mass_matrix(s.q_a), judge.mass_matrix(s.q_a), OUTSIDE)
         for found, pose in zip(a.forward_kinematics(s.q_a), judge.tool(s.q_a), strict=True):
             assert_close(found.ravel(), pose.ravel(), MOTION, 1 + np.abs(pose).max())
@@ -73,7 +87,11 @@ def check_kinematics(a: Answers, name: str) -> None:
     for s in states(name):
         for found, pose in zip(a.forward_kinematics(s.q_a), judge.tool(s.q_a), strict=True):
             assert_close(found.ravel(), pose.ravel(), MOTION, 1 + np.abs(pose).max())
-        J, twist, acceleration = a.jacobian(s.q_a), judge.twist(s.q_a, s.v_a), judge.acceleration(s.q_a, s.v_a, s.a_a)
+        J, twist, acceleration = (
+            a.jacobian(s.q_a),
+            judge.twist(s.q_a, s.v_a),
+            judge.acceleration(s.q_a, s.v_a, s.a_a),
+        )
         assert_close(J @ s.v_a, twist, MOTION, 1 + np.abs(twist).max())
         dJ = a.jacobian_dot(s.q_a, s.v_a)
         assert_close(J @ s.a_a + dJ @ s.v_a, acceleration, MOTION, 1 + np.abs(acceleration).max())
@@ -112,7 +130,9 @@ def test_referees_agree_on_rotors(name):
         a_m = rng.uniform(-1, 1, len(s.q_m)) * (1 + np.abs(s.v_m))
         expected = np.concatenate(judge.sweep(s.q_a, s.v_a, s.a_a, s.v_m, a_m)[:2])
         found = witness.inverse_dynamics(
-            np.concatenate([s.q_a, s.q_m]), np.concatenate([s.v_a, s.v_m]), np.concatenate([s.a_a, a_m])
+            np.concatenate([s.q_a, s.q_m]),
+            np.concatenate([s.v_a, s.v_m]),
+            np.concatenate([s.a_a, a_m]),
         )
         assert_close(found, expected, OUTSIDE)
 
@@ -169,7 +189,9 @@ def test_synthetic_chains_cover_every_kind_of_element():
 # --- controls --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("check", [check_newton_euler, check_mujoco], ids=lambda check: check.__name__[6:])
+@pytest.mark.parametrize(
+    "check", [check_newton_euler, check_mujoco], ids=lambda check: check.__name__[6:]
+)
 @pytest.mark.parametrize("bug", [wrong_coriolis, wrong_gravity], ids=lambda bug: bug.__name__)
 def test_planted_signs_are_seen(bug, check):
     name = "synthetic_elastic"

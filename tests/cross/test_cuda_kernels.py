@@ -43,7 +43,11 @@ def measure(name: str) -> dict[str, list[int]]:
             options = [*compiler.options_of(name, architecture), "--ptxas-options=-v"]
             cubin, log = compiler.compile_text(text, headers, options)
             assert cubin.startswith(b"\x7fELF") and f"k_{row['name']}".encode() in cubin
-            numbers = re.search(r"(\d+) bytes stack frame, (\d+) bytes spill stores.*?Used (\d+) registers", log, re.S)
+            numbers = re.search(
+                r"(\d+) bytes stack frame, (\d+) bytes spill stores.*?Used (\d+) registers",
+                log,
+                re.S,
+            )
             assert numbers is not None, log
             stack, spilled, registers = map(int, numbers.groups())
             found[f"{row['name']} {architecture}"] = [registers, stack, spilled]
@@ -55,7 +59,11 @@ def on_cpu(monkeypatch: pytest.MonkeyPatch) -> FakeDriver:
     """A card that is played by the CPU."""
     fake = FakeDriver()
     monkeypatch.setattr(driver, "bindings", lambda: fake)
-    monkeypatch.setattr(compiler, "nvrtc", lambda: type("Fake", (), {"nvrtcVersion": staticmethod(lambda: (0, 0, 0))}))
+    monkeypatch.setattr(
+        compiler,
+        "nvrtc",
+        lambda: type("Fake", (), {"nvrtcVersion": staticmethod(lambda: (0, 0, 0))}),
+    )
     monkeypatch.setattr(compiler, "compile_text", compile_on_cpu)
     return fake
 
@@ -81,7 +89,8 @@ def test_a_kernel_that_spills_is_seen():
     nvrtc_or_skip()
     manifest, files = library_files("elbow")
     text = sources.kernel_text(manifest, files, "gravity").replace(
-        "if (k >= n)", "volatile double kept[2000]; kept[n % 2000] = 1.0; if (k >= n + 0 * kept[k % 2000])"
+        "if (k >= n)",
+        "volatile double kept[2000]; kept[n % 2000] = 1.0; if (k >= n + 0 * kept[k % 2000])",
     )
     options = [*compiler.options_of("elbow", "sm_90"), "--ptxas-options=-v"]
     _, log = compiler.compile_text(text, sources.headers_of(files), options)
@@ -90,14 +99,24 @@ def test_a_kernel_that_spills_is_seen():
 
 def test_text_that_is_wrong_is_refused():
     nvrtc_or_skip()
-    with pytest.raises(flexgen.BuildError, match=r"NVRTC: given C that it does not compile for .*sm_90: .*error"):
+    with pytest.raises(
+        flexgen.BuildError, match=r"NVRTC: given C that it does not compile for .*sm_90: .*error"
+    ):
         compiler.compile_text("int x = y;", {}, compiler.options_of("elbow", "sm_90"))
 
 
 @pytest.mark.parametrize("name", [MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
 def test_the_library_in_one_file_is_cpp(name, tmp_path):
     written = flexgen.generate(name, directory=tmp_path / name, amalgamate=True, build=False)
-    command = ["g++", "-x", "c++", "-fsyntax-only", f"-D{name.upper()}_NO_VECTORS", "-I.", f"{name}.c"]
+    command = [
+        "g++",
+        "-x",
+        "c++",
+        "-fsyntax-only",
+        f"-D{name.upper()}_NO_VECTORS",
+        "-I.",
+        f"{name}.c",
+    ]
     subprocess.run(command, cwd=written.directory, check=True)
 
 
@@ -114,8 +133,13 @@ def test_every_function_has_the_bits_of_the_library(name, precision, on_cpu, tmp
             np.asfortranarray(random.normal(size=(300, *port.shape)), library.parameters.dtype)
             for port in function.inputs
         ]
-        expected, found = function(*given), on_card.functions[function.name](*map(on_card.array, given))
-        pairs = zip(found, expected, strict=True) if isinstance(found, tuple) else [(found, expected)]
+        expected, found = (
+            function(*given),
+            on_card.functions[function.name](*map(on_card.array, given)),
+        )
+        pairs = (
+            zip(found, expected, strict=True) if isinstance(found, tuple) else [(found, expected)]
+        )
         for x, y in pairs:
             np.testing.assert_array_equal(x.numpy(), y, err_msg=function.name)
 
@@ -124,7 +148,9 @@ def test_every_function_has_the_bits_of_the_library(name, precision, on_cpu, tmp
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_whole_inversions_have_the_bits_of_the_library(precision, on_cpu, tmp_path):
     """Forty problems with loads of their own, one of them impossible: more than a block of threads."""
-    folder = flexgen.generate("planar5_nmp", directory=tmp_path, precision=precision, parameters=["payload"]).directory
+    folder = flexgen.generate(
+        "planar5_nmp", directory=tmp_path, precision=precision, parameters=["payload"]
+    ).directory
     library, on_card = flexgen.load(folder), flexgen.load(folder, device="cuda")
     path = samples()
     loads = np.repeat(library.parameters[None], 40, axis=0)
@@ -144,23 +170,44 @@ def test_whole_inversions_have_the_bits_of_the_library(precision, on_cpu, tmp_pa
     found = on_card.invert_many(period=PERIOD, outputs=names, options=options, **given)
     np.testing.assert_array_equal(found.status, expected.status)
     assert found.status[17] < 0 and (np.delete(found.status, 17) == 0).all()
-    for key in ("residual", "residual_at_samples", "kinematic_mismatch", "iterations", "intervals", "n_post"):
+    for key in (
+        "residual",
+        "residual_at_samples",
+        "kinematic_mismatch",
+        "iterations",
+        "intervals",
+        "n_post",
+    ):
         np.testing.assert_array_equal(getattr(found, key), getattr(expected, key), err_msg=key)
     for key in names:
-        np.testing.assert_array_equal(getattr(found, key).numpy(), getattr(expected, key), err_msg=key)
+        np.testing.assert_array_equal(
+            getattr(found, key).numpy(), getattr(expected, key), err_msg=key
+        )
     stream = on_cpu.new_stream()
     again = on_card.invert_many.on(stream)(period=PERIOD, options=options, **given)
     np.testing.assert_array_equal(again.tau_m.numpy(), expected.tau_m)
     assert on_cpu.launched == [(0, 0), (0, stream.ptr)]
-    with pytest.raises(flexgen.ArgumentError, match="expected at most 300000 on the card; invert them on the CPU"):
+    with pytest.raises(
+        flexgen.ArgumentError, match="expected at most 300000 on the card; invert them on the CPU"
+    ):
         large = flexgen.InversionOptions(n_pre=100, n_post=100, samples_per_interval=1)
         on_card.invert_many(period=PERIOD, options=large, **given)
-    with pytest.raises(flexgen.ArgumentError, match="growth: given True on the card, expected False"):
+    with pytest.raises(
+        flexgen.ArgumentError, match="growth: given True on the card, expected False"
+    ):
         on_card.invert_many(period=PERIOD, options=flexgen.InversionOptions(growth=True), **given)
-    with pytest.raises(flexgen.ArgumentError, match=r"invert_many, dy: given shape \(3, 2\), expected"):
-        on_card.invert_many(period=PERIOD, **{**given, "dy": on_card.array(np.zeros((3, 2)), order="C")})
-    with pytest.raises(flexgen.ArgumentError, match="given one path, one q_start and one set of parameters"):
-        on_card.invert_many(period=PERIOD, **{key: x for key, x in given.items() if key != "parameters"})
+    with pytest.raises(
+        flexgen.ArgumentError, match=r"invert_many, dy: given shape \(3, 2\), expected"
+    ):
+        on_card.invert_many(
+            period=PERIOD, **{**given, "dy": on_card.array(np.zeros((3, 2)), order="C")}
+        )
+    with pytest.raises(
+        flexgen.ArgumentError, match="given one path, one q_start and one set of parameters"
+    ):
+        on_card.invert_many(
+            period=PERIOD, **{key: x for key, x in given.items() if key != "parameters"}
+        )
     with pytest.raises(flexgen.ArgumentError, match="q_start: given ndarray on the CPU"):
         on_card.invert_many(period=PERIOD, **{**given, "q_start": path["q_start"]})
 

@@ -53,7 +53,9 @@ def octave(folder: Path, script: str, where: Path | None = None) -> str:
     return run.stdout
 
 
-def exchanged(folder: Path, script: str, given: dict[str, np.ndarray], names: list[str]) -> list[np.ndarray]:
+def exchanged(
+    folder: Path, script: str, given: dict[str, np.ndarray], names: list[str]
+) -> list[np.ndarray]:
     """Arrays in, arrays out, bit for bit: as files of doubles by columns."""
     lines = []
     for name, x in given.items():
@@ -63,7 +65,10 @@ def exchanged(folder: Path, script: str, given: dict[str, np.ndarray], names: li
         read = f"fread (fopen ('{folder}/in_{name}.bin'), Inf, 'double')"
         lines.append(f"{name} = reshape ({read}, {rows}, {columns});")
     lines.append(script)
-    lines += [f"fwrite (fopen ('{folder}/out_{k}.bin', 'w'), {name}, 'double');" for k, name in enumerate(names)]
+    lines += [
+        f"fwrite (fopen ('{folder}/out_{k}.bin', 'w'), {name}, 'double');"
+        for k, name in enumerate(names)
+    ]
     octave(folder, "\n".join([*lines, "fclose ('all');"]))
     return [np.frombuffer((folder / f"out_{k}.bin").read_bytes()) for k in range(len(names))]
 
@@ -100,7 +105,9 @@ def all_functions(folder: Path) -> list[str]:
         results = [f"{f}_{x}" for x in outputs]
         lines.append(f"[{', '.join(results)}] = {NAME}.{f} ({', '.join(inputs)});")
         names += results
-    given = {x: states[x].T for x in sorted({x for ins, _ in functions(library).values() for x in ins})}
+    given = {
+        x: states[x].T for x in sorted({x for ins, _ in functions(library).values() for x in ins})
+    }
     found = dict(zip(names, exchanged(folder, "\n".join(lines), given, names), strict=True))
     for f, (inputs, outputs) in functions(library).items():
         for k in range(n):
@@ -126,7 +133,9 @@ def test_a_planted_swap_of_arguments_is_seen(built, tmp_path):
     shutil.copytree(built, folder)
     table = folder / f"{NAME}_mex_table.h"
     text = table.read_text(encoding="ascii")
-    changed = text.replace(f"{NAME}_bias(in[0], in[1], out[0])", f"{NAME}_bias(in[1], in[0], out[0])")
+    changed = text.replace(
+        f"{NAME}_bias(in[0], in[1], out[0])", f"{NAME}_bias(in[1], in[0], out[0])"
+    )
     assert changed != text
     table.write_text(changed, encoding="ascii")
     octave(folder, f"build_{NAME} ('-O0');")
@@ -170,11 +179,15 @@ end
     given = {"y": y.T, "dy": dy.T, "ddy": ddy.T, "q": path.q_start}
     out = dict(zip(names, exchanged(built, script, given, names), strict=True))
     library = loaded(NAME)
-    motion = library.invert(y, dy, ddy, period=1e-3, q_start=path.q_start, n_pre=20, n_post=50, samples_per_interval=10)
+    motion = library.invert(
+        y, dy, ddy, period=1e-3, q_start=path.q_start, n_pre=20, n_post=50, samples_per_interval=10
+    )
     for name in ("tau_m", "q_a", "a_a"):
         assert np.array_equal(out[name], getattr(motion, name).ravel()), name
     assert out["residual"][0] == motion.residual and bool(out["good"][0]) is motion.converged
-    stream = library.stream(y[0], path.q_start, period=5e-3, intervals=20, samples_per_interval=5, hold="zoh")
+    stream = library.stream(
+        y[0], path.q_start, period=5e-3, intervals=20, samples_per_interval=5, hold="zoh"
+    )
     rows = []
     for k in range(5, 501, 5):
         now = stream.update(y[k], dy[k], ddy[k])
@@ -197,7 +210,16 @@ def gateway(folder: Path, library: Path, name: str = "elbow") -> Path:
     text = render((STUBS / "drive.c").read_text(encoding="ascii"), name)
     (folder / "drive.c").write_text(text, encoding="ascii")
     program = folder / f"drive_{library.parent.name}"
-    command = [tool("gcc"), *STRICT, "-O0", "-isystem", STUBS, "-I", folder, f'-DGATEWAY="{name}_mex.c"']
+    command = [
+        tool("gcc"),
+        *STRICT,
+        "-O0",
+        "-isystem",
+        STUBS,
+        "-I",
+        folder,
+        f'-DGATEWAY="{name}_mex.c"',
+    ]
     subprocess.run([*command, folder / "drive.c", library, "-lm", "-o", program], check=True)
     return program
 
@@ -208,11 +230,16 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
     """Compiled against a stub header; what the stream forgets from update to update is seen."""
     flexgen.export_mex(remembering(), tmp_path)
     given = np.hstack(samples())
-    numbers = np.concatenate([[10, 5, 5e-3, 1e-6, 0, 0, len(given)], *start(), given.ravel()]).tobytes()
+    numbers = np.concatenate(
+        [[10, 5, 5e-3, 1e-6, 0, 0, len(given)], *start(), given.ravel()]
+    ).tobytes()
 
     def torques(forgets: str) -> np.ndarray:
         run = subprocess.run(
-            [gateway(tmp_path, compiled(forgets, ("limits",)))], input=numbers, capture_output=True, check=True
+            [gateway(tmp_path, compiled(forgets, ("limits",)))],
+            input=numbers,
+            capture_output=True,
+            check=True,
         )
         return np.frombuffer(run.stdout).reshape(-1, 2)
 
@@ -237,8 +264,16 @@ def test_limits_of_all_kinds_have_the_bits_of_python(tmp_path):
     flexgen.export_mex(NAME, tmp_path)
     curve = [[0.0, 26.0], [60.0, 24.0], [400.0, 0.0]]
     limits = {"torque_max": [22.0, 12.0], "speed_max": [np.inf, 90.0], "deflection_max": [4e-4]}
-    limits |= {"gear_torque_max": [1900.0, 600.0], "torque_rate_max": [900.0, 700.0], "joint_speed_max": [1.5, 2.0]}
-    limits |= {"joint_acceleration_max": [9.0, 9.0], "tool_speed_max": 1.5, "tool_acceleration_max": 9.0}
+    limits |= {
+        "gear_torque_max": [1900.0, 600.0],
+        "torque_rate_max": [900.0, 700.0],
+        "joint_speed_max": [1.5, 2.0],
+    }
+    limits |= {
+        "joint_acceleration_max": [9.0, 9.0],
+        "tool_speed_max": 1.5,
+        "tool_acceleration_max": 9.0,
+    }
     path = flexgen.plan(NAME)
     y = path.sample(np.minimum(np.arange(0, 800, 5), 500) * 1e-3).y
     options = {"period": 5e-3, "intervals": 60, "samples_per_interval": 5}
@@ -250,12 +285,16 @@ def test_limits_of_all_kinds_have_the_bits_of_python(tmp_path):
         given += [x for a in arrays for x in (a.shape, a.ravel(order="F"))]
         given += [y[k, :, i] for k in range(1, len(y)) for i in range(3)]
         command = [gateway(tmp_path, tmp_path / f"{NAME}.c", NAME), "limits"]
-        run = subprocess.run(command, input=np.concatenate(given).astype(float).tobytes(), capture_output=True)
+        run = subprocess.run(
+            command, input=np.concatenate(given).astype(float).tobytes(), capture_output=True
+        )
         assert run.returncode == 0, run.stderr
         return np.frombuffer(run.stdout).reshape(-1, 5, 2)
 
     names = names_of_limits(tmp_path)
-    library = flexgen.load(flexgen.generate(NAME, tmp_path / "library", parts=["limits"], progress=False).directory)
+    library = flexgen.load(
+        flexgen.generate(NAME, tmp_path / "library", parts=["limits"], progress=False).directory
+    )
     stream = library.stream(y[0, :, 0], path.q_start, tolerance=1e-6, **options)
     stream.limit_all(deviation=0.05, torque_speed=[curve, curve], **limits)
     updates = [stream.update(*y[k, :, :3].T) for k in range(1, len(y))]
@@ -296,7 +335,8 @@ def test_wrong_arguments_are_errors_with_an_identifier(built):
         (f"{NAME}.invert (ones (2, 9), ones (2, 8), ones (2, 9), 1, [0 0 0]);", "flexgen:argument", "expected 2 x 9"),
     ]  # fmt: skip
     script = "\n".join(
-        f"try\n{call} disp('none');\ncatch e\ndisp ([e.identifier '|' e.message]);\nend" for call, *_ in calls
+        f"try\n{call} disp('none');\ncatch e\ndisp ([e.identifier '|' e.message]);\nend"
+        for call, *_ in calls
     )
     lines = octave(built, script).strip().splitlines()
     assert len(lines) == len(calls)
@@ -308,7 +348,11 @@ def test_wrong_arguments_are_errors_with_an_identifier(built):
 @pytest.mark.slow
 def test_help_shows_equation_sizes_and_units(built):
     out = octave(built, f"help {NAME}.forward_dynamics\nhelp {NAME}.Stream\nhelp build_{NAME}")
-    for text in ("M a_a + c + g = tau_a", "2 x n  [N m]  motor torques, motor side", "addpath (FOLDER)"):
+    for text in (
+        "M a_a + c + g = tau_a",
+        "2 x n  [N m]  motor torques, motor side",
+        "addpath (FOLDER)",
+    ):
         assert text in out
     assert "s.limits (torque_max" in out and "s.all_limits (limits" in out
 
@@ -332,10 +376,14 @@ def test_help_is_made_from_the_table(tmp_path):
     files = [p for p in (tmp_path / f"+{NAME}").glob("*.m") if p.stem in library]
     assert len(files) == len(list((tmp_path / f"+{NAME}").glob("*.m"))) - 3
     for file in files:
-        text = " ".join(re.sub(r"^%", "", file.read_text(encoding="ascii"), flags=re.MULTILINE).split())
+        text = " ".join(
+            re.sub(r"^%", "", file.read_text(encoding="ascii"), flags=re.MULTILINE).split()
+        )
         row = library[file.stem]
         assert " ".join(row.summary.split()) in text and " ".join(row.equation.split()) in text
-        assert all(re.search(rf"\b{port}\b", text) for port in (*row.inputs.split(), *row.outputs.split()))
+        assert all(
+            re.search(rf"\b{port}\b", text) for port in (*row.inputs.split(), *row.outputs.split())
+        )
     assert not any("@" in re.sub(r"@\(", "", p.read_text("ascii")) for p in tmp_path.rglob("*.m"))
 
 
@@ -361,13 +409,22 @@ def test_the_command_line(tmp_path, capsys):
 def test_the_code_of_the_page_runs(built):
     """The blocks of docs/matlab.md for Octave, in their order; those of Simulink need Simulink."""
     page = (Path(__file__).resolve().parents[2] / "docs" / "matlab.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```matlab\n(.*?)^```$", page.partition("## Simulink")[0], re.MULTILINE | re.DOTALL)
+    blocks = re.findall(
+        r"^```matlab\n(.*?)^```$", page.partition("## Simulink")[0], re.MULTILINE | re.DOTALL
+    )
     assert len(blocks) == 4
-    lines = [line for line in "\n".join(blocks).splitlines() if not line.startswith(("addpath", "build_", "plot"))]
+    lines = [
+        line
+        for line in "\n".join(blocks).splitlines()
+        if not line.startswith(("addpath", "build_", "plot"))
+    ]
     path = flexgen.plan(NAME)
     y = path.sample(np.arange(501) * 1e-3).y
     given = {"y": y[:, :, 0].T, "dy": y[:, :, 1].T, "ddy": y[:, :, 2].T, "q_start": path.q_start}
     script = "\n".join([*lines, "last = motion.tau_m; good = double (info.converged);"])
     last, good, tau_a = exchanged(built, script, given, ["last", "good", "tau_a"])
     assert last.shape == (10,) and good[0] == 1
-    assert "% 904.937 137.763 35.799 N m" in page and np.abs(tau_a - [904.937, 137.763, 35.799]).max() < 1e-3
+    assert (
+        "% 904.937 137.763 35.799 N m" in page
+        and np.abs(tau_a - [904.937, 137.763, 35.799]).max() < 1e-3
+    )

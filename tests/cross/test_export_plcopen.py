@@ -73,13 +73,21 @@ def structure_errors(element: ElementTree.Element) -> list[str]:
     if not element.tag.startswith(TC6):
         return [f"{element.tag}: another namespace"]
     if name in TEXTS:
-        good = len(element) == 1 and element[0].tag.startswith(XHTML) and (element[0].text or "").strip()
+        good = (
+            len(element) == 1
+            and element[0].tag.startswith(XHTML)
+            and (element[0].text or "").strip()
+        )
         return [] if good else [f"{name}: expected one element of XHTML with a text"]
     if name not in SCHEMA:
         return [f"{name}: unknown"]
     attributes, children = SCHEMA[name]
-    errors = [f"{name}: no attribute {word}" for word in attributes.split() if word not in element.attrib]
-    pattern = "".join(f"(?:{w.rstrip('?*+')} ){w[-1] if w[-1] in '?*+' else ''}" for w in children.split())
+    errors = [
+        f"{name}: no attribute {word}" for word in attributes.split() if word not in element.attrib
+    ]
+    pattern = "".join(
+        f"(?:{w.rstrip('?*+')} ){w[-1] if w[-1] in '?*+' else ''}" for w in children.split()
+    )
     found = "".join(f"{child.tag.removeprefix(TC6)} " for child in element)
     if not re.fullmatch(pattern, found):
         errors.append(f"{name}: given {found or 'nothing'}, expected {children or 'nothing'}")
@@ -120,7 +128,17 @@ def struct_of(rows) -> type[ctypes.Structure]:
 def bodies(made):
     """The bodies, compiled."""
     cc, sources = tool("gcc"), [made / f"{NAME}_fb.c", made / f"{NAME}_stream_fb.c"]
-    command = [cc, *STRICT, "-O0", "-shared", "-fPIC", "-I", made, *sources, library_object(NAME)[1]]
+    command = [
+        cc,
+        *STRICT,
+        "-O0",
+        "-shared",
+        "-fPIC",
+        "-I",
+        made,
+        *sources,
+        library_object(NAME)[1],
+    ]
     subprocess.run([*command, "-o", made / "fb.so"], check=True)
     return ctypes.CDLL(str(made / "fb.so"))
 
@@ -143,7 +161,9 @@ def test_the_xml_has_the_structure_of_tc6(made):
 def test_planted_errors_of_the_structure_are_seen(made, old, new, error):
     text = (made / f"{NAME}.xml").read_text(encoding="ascii")
     assert old in text
-    assert any(error in found for found in structure_errors(ElementTree.fromstring(text.replace(old, new))))
+    assert any(
+        error in found for found in structure_errors(ElementTree.fromstring(text.replace(old, new)))
+    )
 
 
 def test_text_and_xml_declare_the_same(made):
@@ -152,12 +172,17 @@ def test_text_and_xml_declare_the_same(made):
     found = {}
     for block in re.finditer(r"FUNCTION_BLOCK (\w+)(.*?)END_FUNCTION_BLOCK", plain, re.DOTALL):
         rows = re.findall(r"(\w+) : (?:ARRAY \[0\.\.(\d+)\] OF )?(\w+);", block[2])
-        found[block[1]] = [(name, kind, int(upper) + 1 if upper else 0) for name, upper, kind in rows]
+        found[block[1]] = [
+            (name, kind, int(upper) + 1 if upper else 0) for name, upper, kind in rows
+        ]
     assert found == declared(made)
     assert list(found) == [f"FB_{NAME}_inverse_dynamics", f"FB_{NAME}_stream"]
     for block, rows in found.items():
         for name in (block, *(row[0] for row in rows)):
-            assert re.fullmatch(r"[A-Za-z]([A-Za-z0-9]|_(?!_|$))*", name) and name.lower() not in KEYWORDS
+            assert (
+                re.fullmatch(r"[A-Za-z]([A-Za-z0-9]|_(?!_|$))*", name)
+                and name.lower() not in KEYWORDS
+            )
         assert len({row[0].lower() for row in rows}) == len(rows)
     assert text.count("(*") == text.count("*)")
 
@@ -189,7 +214,9 @@ def test_the_stream_has_the_bits_of_python(made, bodies):
     sample = path.sample(np.arange(130) * 5e-3)
     y, dy, ddy = targets(sample), sample.derivative(1), sample.derivative(2)
     for attempt in range(2):  # the second one after enable was FALSE
-        stream = library.stream(y[0], path.q_start, period=5e-3, intervals=10, samples_per_interval=5, hold="zoh")
+        stream = library.stream(
+            y[0], path.q_start, period=5e-3, intervals=10, samples_per_interval=5, hold="zoh"
+        )
         block.enable = 0
         call(ctypes.byref(block))
         assert (block.valid, block.error, block.status) == (0, 0, 0)
@@ -205,7 +232,10 @@ def test_the_stream_has_the_bits_of_python(made, bodies):
             now = stream.update(y[k], dy[k], ddy[k])
             assert block.valid == 1 and block.error == 0, (attempt, k)
             for name in ("tau_m", "q_m", "v_m"):
-                assert np.array_equal(getattr(block, name)[:], getattr(now, name).ravel()), (name, k)
+                assert np.array_equal(getattr(block, name)[:], getattr(now, name).ravel()), (
+                    name,
+                    k,
+                )
     block.enable = 0
     call(ctypes.byref(block))
     block.enable, block.start_output[:] = 1, [9.0, 9.0]
@@ -225,23 +255,44 @@ def test_a_planted_error_of_the_struct_is_seen(made, tmp_path):
     text = header.read_text(encoding="ascii")
     header.write_text(text.replace("double q_m[10];", "double X[10];").replace("double tau_m[10];", "double q_m[10];")
                       .replace("double X[10];", "double tau_m[10];"), encoding="ascii")  # fmt: skip
-    command = [tool("gcc"), "-std=c99", "-shared", "-fPIC", tmp_path / f"{NAME}_stream_fb.c", library_object(NAME)[1]]
+    command = [
+        tool("gcc"),
+        "-std=c99",
+        "-shared",
+        "-fPIC",
+        tmp_path / f"{NAME}_stream_fb.c",
+        library_object(NAME)[1],
+    ]
     subprocess.run([*command, "-o", tmp_path / "fb.so"], check=True)
     block = struct_of(declared(made)[f"FB_{NAME}_stream"])()
     path = flexgen.plan(NAME)
     y = targets(path.sample(np.zeros(1)))[0]
     block.enable, block.y[:], block.start_output[:], block.q_start[:] = 1, y, y, path.q_start
     ctypes.CDLL(str(tmp_path / "fb.so"))[f"fb_{NAME}_stream_call"](ctypes.byref(block))
-    now = loaded(NAME).stream(y, path.q_start, period=5e-3, intervals=10, samples_per_interval=5, hold="zoh")
+    now = loaded(NAME).stream(
+        y, path.q_start, period=5e-3, intervals=10, samples_per_interval=5, hold="zoh"
+    )
     assert not np.array_equal(block.tau_m[:], now.update(y, y * 0, y * 0).tau_m.ravel())
 
 
 def torques_with_memory(folder: Path, forgets: str = "") -> np.ndarray:
     """Of the stream of a robot with memory, which starts twice (2, n, n_m)."""
-    command = [tool("gcc"), *STRICT, "-O0", "-shared", "-fPIC", "-I", folder, folder / "elbow_stream_fb.c"]
+    command = [
+        tool("gcc"),
+        *STRICT,
+        "-O0",
+        "-shared",
+        "-fPIC",
+        "-I",
+        folder,
+        folder / "elbow_stream_fb.c",
+    ]
     made = folder / f"{forgets}fb.so"
     subprocess.run([*command, compiled(forgets), "-o", made], check=True)
-    block, call = struct_of(declared(folder, "elbow")["FB_elbow_stream"])(), ctypes.CDLL(str(made)).fb_elbow_stream_call
+    block, call = (
+        struct_of(declared(folder, "elbow")["FB_elbow_stream"])(),
+        ctypes.CDLL(str(made)).fb_elbow_stream_call,
+    )
     block.start_output[:], block.q_start[:] = start()
     found = []
     for _ in range(2):
@@ -274,7 +325,10 @@ def test_models_without_streams_and_names(tmp_path):
         flexgen.export_plcopen(model, tmp_path)
     assert not list(tmp_path.iterdir())
     flexgen.export_plcopen(without_streams(), tmp_path, stream=False)
-    assert not (tmp_path / "elbow_stream_fb.c").exists() and "stream" not in (tmp_path / "elbow.st").read_text().lower()
+    assert (
+        not (tmp_path / "elbow_stream_fb.c").exists()
+        and "stream" not in (tmp_path / "elbow.st").read_text().lower()
+    )
 
 
 def test_the_bytes_are_the_same(tmp_path):

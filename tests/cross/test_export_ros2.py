@@ -40,16 +40,25 @@ OBJECTS: dict[str, bytes] = {}
 
 def eigen() -> Path:
     """The folder with eigen3/Eigen; skips the test where it is missing."""
-    for folder in (Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "include", Path("/usr/include")):
+    for folder in (
+        Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "include",
+        Path("/usr/include"),
+    ):
         if (folder / "eigen3" / "Eigen" / "Core").exists():
             return folder
-    pytest.skip("no Eigen; install the Python package cmeel-eigen or the Debian package libeigen3-dev")
+    pytest.skip(
+        "no Eigen; install the Python package cmeel-eigen or the Debian package libeigen3-dev"
+    )
 
 
-def compiled(folder: Path, *sources: Path, flags: tuple[str, ...] = (), package: str = ROS) -> list[str]:
+def compiled(
+    folder: Path, *sources: Path, flags: tuple[str, ...] = (), package: str = ROS
+) -> list[str]:
     """Object files of C++ sources of a package; equal ones, of copies with a planted error elsewhere, are made once."""
     out = []
-    headers = {path.relative_to(folder): path.read_bytes() for path in (folder / "include").rglob("*.hpp")}
+    headers = {
+        path.relative_to(folder): path.read_bytes() for path in (folder / "include").rglob("*.hpp")
+    }
     include = ["-isystem", eigen(), "-isystem", eigen() / "eigen3", "-I", STUBS]
     include += ["-I", folder / "include", "-I", folder / "include" / package]
     for source in sources:
@@ -58,7 +67,17 @@ def compiled(folder: Path, *sources: Path, flags: tuple[str, ...] = (), package:
         if key in OBJECTS:
             Path(out[-1]).write_bytes(OBJECTS[key])
             continue
-        command = [tool("g++"), *STRICT, *flags, '-DFIRST_MOTOR="m1"', *include, "-c", source, "-o", out[-1]]
+        command = [
+            tool("g++"),
+            *STRICT,
+            *flags,
+            '-DFIRST_MOTOR="m1"',
+            *include,
+            "-c",
+            source,
+            "-o",
+            out[-1],
+        ]
         subprocess.run(command, check=True)
         OBJECTS[key] = Path(out[-1]).read_bytes()
     return out
@@ -75,7 +94,9 @@ def package(tmp_path_factory):
 def objects_of(package: Path, name: str, parts: tuple[str, ...] = ()) -> list[str]:
     """Object files of a program that drives plugin and controller, without the library."""
     text, ros = (STUBS / "drive.cpp").read_text(encoding="ascii"), f"flexgen_{name}"
-    (package / "drive.cpp").write_text(render(text, name, parts=parts).replace("flexgen_model", ros))
+    (package / "drive.cpp").write_text(
+        render(text, name, parts=parts).replace("flexgen_model", ros)
+    )
     sources = (package / "src" / "inverse_dynamics.cpp", package / "src" / "stream_controller.cpp")
     return compiled(package, *sources, package / "drive.cpp", package=ros)
 
@@ -84,13 +105,20 @@ def objects_of(package: Path, name: str, parts: tuple[str, ...] = ()) -> list[st
 def driver(package):
     """A program that drives plugin and controller."""
     objects = objects_of(package, NAME)
-    subprocess.run([tool("g++"), *objects, library_object(NAME)[1], "-o", package / "drive"], check=True)
+    subprocess.run(
+        [tool("g++"), *objects, library_object(NAME)[1], "-o", package / "drive"], check=True
+    )
     return package / "drive"
 
 
 def drive(program: Path, mode: str, numbers: np.ndarray, expected: int = 0) -> np.ndarray:
     """What the program writes."""
-    run = subprocess.run([program, mode], input=np.asarray(numbers, float).tobytes(), capture_output=True, check=False)
+    run = subprocess.run(
+        [program, mode],
+        input=np.asarray(numbers, float).tobytes(),
+        capture_output=True,
+        check=False,
+    )
     assert run.returncode == expected, run.stderr.decode()
     return np.frombuffer(run.stdout)
 
@@ -105,9 +133,13 @@ def test_the_plugin_has_the_bits_of_the_library(driver):
     out = drive(driver, "plugin", np.hstack([q, v, a, wrench])).reshape(n, -1)
     parts = np.split(out, np.cumsum([N_A] * 6), axis=1)
     torques, with_wrench, c, g, f, external, M = parts
-    assert np.array_equal(torques, [library.inverse_dynamics(*x) for x in zip(q, v, a, strict=True)])
+    assert np.array_equal(
+        torques, [library.inverse_dynamics(*x) for x in zip(q, v, a, strict=True)]
+    )
     assert np.array_equal(g, [library.gravity(x) for x in q])
-    assert np.array_equal(M.reshape(n, N_A, N_A).transpose(0, 2, 1), [library.mass_matrix(x) for x in q])
+    assert np.array_equal(
+        M.reshape(n, N_A, N_A).transpose(0, 2, 1), [library.mass_matrix(x) for x in q]
+    )
     # sums in the program and in numpy may be in another order
     near = {"rtol": 1e-13, "atol": 1e-11}
     assert np.allclose(c, np.array([library.bias(*x) for x in zip(q, v, strict=True)]) - g, **near)
@@ -134,7 +166,12 @@ def reference_run(cascade, samples, positions, missing=()):
     library = loaded(NAME)
     q_a, zero = np.append(flexgen.read(NAME).home, 0.0), np.zeros(2)
     y0 = output_at(flexgen.derive(NAME), q_a)  # where the controller starts
-    options = {"period": PERIOD, "intervals": INTERVALS, "samples_per_interval": PARTS, "hold": "zoh"}
+    options = {
+        "period": PERIOD,
+        "intervals": INTERVALS,
+        "samples_per_interval": PARTS,
+        "hold": "zoh",
+    }
     stream = library.stream(y0, q_a, **options)
     interval = stream.update(y0, zero, zero)
     rest = interval.q_m[0].copy()
@@ -151,9 +188,15 @@ def reference_run(cascade, samples, positions, missing=()):
         part = k % PARTS
         q_m, tau_m = interval.q_m[part], interval.tau_m[part]
         if k == 0:  # at rest, where the stream starts
-            cascade.step(0, flexgen.Measurement(rest, none), flexgen.Reference(rest, none, tau_m, none, none, none))
+            cascade.step(
+                0,
+                flexgen.Measurement(rest, none),
+                flexgen.Reference(rest, none, tau_m, none, none, none),
+            )
         u = cascade.step(
-            k, flexgen.Measurement(rest + offset, none), flexgen.Reference(q_m, none, tau_m, none, none, none)
+            k,
+            flexgen.Measurement(rest + offset, none),
+            flexgen.Reference(q_m, none, tau_m, none, none, none),
         )
         most = cascade.torque_max
         out.append(np.clip(u, -most, most) if most is not None and (most > 0).all() else u)
@@ -166,10 +209,18 @@ def path_samples(n):
     return targets(sample), sample.derivative(1), sample.derivative(2)
 
 
-def controller_input(cascade, samples, positions, rest, *, chained, missing=(), tolerance=1e-3, start=None):
+def controller_input(
+    cascade, samples, positions, rest, *, chained, missing=(), tolerance=1e-3, start=None
+):
     n = len(positions)
     rows = [[float(chained), 50.0, float(n)]]
-    rows += [cascade.position_gain, cascade.speed_gain, cascade.integral_gain, cascade.torque_max, [tolerance]]
+    rows += [
+        cascade.position_gain,
+        cascade.speed_gain,
+        cascade.integral_gain,
+        cascade.torque_max,
+        [tolerance],
+    ]
     rows += [rest if start is None else start]
     for k, offset in enumerate(positions):
         at = k // PARTS
@@ -182,7 +233,9 @@ def controller_input(cascade, samples, positions, rest, *, chained, missing=(), 
 @pytest.mark.slow
 @pytest.mark.parametrize("chained", [True, False])
 @pytest.mark.parametrize(("torque_max", "missing"), [(0.0, ()), (8.0, ()), (0.0, (60, 61, 90))])
-def test_the_controller_has_the_bits_of_python_and_allocates_nothing(driver, chained, torque_max, missing):
+def test_the_controller_has_the_bits_of_python_and_allocates_nothing(
+    driver, chained, torque_max, missing
+):
     cascade, n = gains(torque_max), 130
     samples = path_samples(n)
     rng = np.random.default_rng(5)
@@ -193,7 +246,8 @@ def test_the_controller_has_the_bits_of_python_and_allocates_nothing(driver, cha
     assert out[-1] == 0, f"{out[-1]:.0f} allocations in {n * PARTS} updates"
     efforts = out[:-1].reshape(-1, N_M)
     assert np.array_equal(efforts, expected)
-    assert np.abs(efforts).max() > (7.9 if torque_max else 10.0)  # the robot moves, and the limit is reached
+    # the robot moves, and the limit is reached
+    assert np.abs(efforts).max() > (7.9 if torque_max else 10.0)
 
 
 @needs_compiler
@@ -208,10 +262,16 @@ def test_a_planted_error_of_the_controller_is_seen(package, driver, tmp_path):
         (tmp_path / folder).symlink_to(package / folder)
     objects = compiled(tmp_path, tmp_path / "stream_controller.cpp")
     objects += [str(package / f"{stem}.o") for stem in ("inverse_dynamics", "drive")]
-    subprocess.run([tool("g++"), *objects, library_object(NAME)[1], "-o", tmp_path / "drive"], check=True)
+    subprocess.run(
+        [tool("g++"), *objects, library_object(NAME)[1], "-o", tmp_path / "drive"], check=True
+    )
     cascade, samples, positions = gains(), path_samples(130), np.zeros((650, N_M))
     expected, rest = reference_run(cascade, samples, positions)
-    out = drive(tmp_path / "drive", "controller", controller_input(cascade, samples, positions, rest, chained=True))
+    out = drive(
+        tmp_path / "drive",
+        "controller",
+        controller_input(cascade, samples, positions, rest, chained=True),
+    )
     assert not np.array_equal(out[:-1].reshape(-1, N_M), expected)
 
 
@@ -227,11 +287,18 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
 
     def torques(forgets: str) -> np.ndarray:
         program = tmp_path / f"drive{forgets}"
-        subprocess.run([tool("g++"), *objects, remembering.compiled(forgets), "-o", program], check=True)
+        subprocess.run(
+            [tool("g++"), *objects, remembering.compiled(forgets), "-o", program], check=True
+        )
         return drive(program, "controller", numbers)[:-1].reshape(-1, 2)
 
     remembering.check(torques, "zoh")
-    run = subprocess.run([tmp_path / "drive", "plugin"], input=np.zeros(12).tobytes(), capture_output=True, check=False)
+    run = subprocess.run(
+        [tmp_path / "drive", "plugin"],
+        input=np.zeros(12).tobytes(),
+        capture_output=True,
+        check=False,
+    )
     assert b"motor m1 has lugre, which depends on the motion before" in run.stderr
 
 
@@ -240,8 +307,12 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
 def test_the_controller_refuses_another_start_pose(driver):
     cascade, samples, positions = gains(), path_samples(2), np.zeros((5, N_M))
     _, rest = reference_run(cascade, samples, positions)
-    away = controller_input(cascade, samples, positions, rest, chained=True, start=rest + np.array([0.0, 2e-3]))
-    run = subprocess.run([driver, "controller"], input=away.tobytes(), capture_output=True, check=False)
+    away = controller_input(
+        cascade, samples, positions, rest, chained=True, start=rest + np.array([0.0, 2e-3])
+    )
+    run = subprocess.run(
+        [driver, "controller"], input=away.tobytes(), capture_output=True, check=False
+    )
     assert run.returncode == 10 and b"move the robot there first" in run.stderr
 
 
@@ -252,7 +323,9 @@ def test_an_offset_of_the_start_pose_gives_no_speed(driver):
     cascade, n, away = gains(), 130, np.array([4e-4, -7e-4])
     samples, offsets = path_samples(n), np.zeros((n * PARTS, N_M))
     expected, rest = reference_run(cascade, samples, offsets)
-    given = controller_input(cascade, samples, offsets + away, rest, chained=True, start=rest + away)
+    given = controller_input(
+        cascade, samples, offsets + away, rest, chained=True, start=rest + away
+    )
     efforts = drive(driver, "controller", given)[:-1].reshape(-1, N_M)
     t = PERIOD / PARTS * np.arange(1, n * PARTS + 1)[:, None]
     shift = -cascade.speed_gain * cascade.position_gain * away * (1.0 + cascade.integral_gain * t)
@@ -267,7 +340,9 @@ def test_an_error_of_an_update_sets_the_efforts_to_zero(driver):
     cascade, samples, positions = gains(), path_samples(4), np.zeros((20, N_M))
     _, rest = reference_run(cascade, samples, positions)
     positions[12, 1] = np.nan  # the sensor fails
-    efforts = drive(driver, "controller", controller_input(cascade, samples, positions, rest, chained=True), 11)
+    efforts = drive(
+        driver, "controller", controller_input(cascade, samples, positions, rest, chained=True), 11
+    )
     assert efforts.size == 12 * N_M and np.abs(efforts[-N_M:]).max() > 1.0
 
 
@@ -279,7 +354,9 @@ def test_the_test_of_the_package_passes_and_sees_a_wrong_torque(package, driver,
         objects = compiled(package, package / "test" / "test_plugin.cpp")
         objects += [str(package / "inverse_dynamics.o"), str(library_object(NAME)[1])]
         subprocess.run([tool("g++"), *objects, "-o", tmp_path / "run"], check=True)
-        assert subprocess.run([tmp_path / "run"], capture_output=True, check=False).returncode == (3 if wrong else 0)
+        assert subprocess.run([tmp_path / "run"], capture_output=True, check=False).returncode == (
+            3 if wrong else 0
+        )
         header = package / "include" / ROS / "arm.hpp"
         kept = header.read_text(encoding="ascii")
         if not wrong:
@@ -329,14 +406,27 @@ def test_the_force_of_samples_and_messages_reaches_the_stream(pushed, tmp_path, 
         source = package / "src" / "stream_controller.cpp"
         text = source.read_text(encoding="ascii")
         assert "force[i] = wrench[row];" in text
-        source.write_text(text.replace("force[i] = wrench[row];", "force[i] = -wrench[row];"), encoding="ascii")
-    objects, program = objects_of(package, NAME, ("FORCE",)), library_object(NAME, parts=("force",))[1]
+        source.write_text(
+            text.replace("force[i] = wrench[row];", "force[i] = -wrench[row];"), encoding="ascii"
+        )
+    objects, program = (
+        objects_of(package, NAME, ("FORCE",)),
+        library_object(NAME, parts=("force",))[1],
+    )
     subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
     samples, t = path_samples(n), PERIOD * np.arange(n)
-    own = np.stack([20.0 * t**3, 60.0 * t**2, 120.0 * t], axis=1)[:, :, None] * np.array([1.0, -2.0])
-    sums, zero, q_a = own + forces_of_messages(n), np.zeros(2), np.append(flexgen.read(NAME).home, 0.0)
+    own = np.stack([20.0 * t**3, 60.0 * t**2, 120.0 * t], axis=1)[:, :, None] * np.array(
+        [1.0, -2.0]
+    )
+    sums, zero, q_a = (
+        own + forces_of_messages(n),
+        np.zeros(2),
+        np.append(flexgen.read(NAME).home, 0.0),
+    )
     y0 = output_at(flexgen.derive(NAME), q_a)
-    stream = library.stream(y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh")
+    stream = library.stream(
+        y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh"
+    )
     rest, expected = stream.update(y0, zero, zero).q_m[0].copy(), []
     rows = [[float(chained), 50.0, float(n * PARTS)], *np.zeros((4, 2)), [1e-3], rest]
     for k in range(n):
@@ -346,7 +436,9 @@ def test_the_force_of_samples_and_messages_reaches_the_stream(pushed, tmp_path, 
             wrench = [*WRENCHES.get(k, (0.0, 0.0)), 0.0, 0.0, 0.0, 0.0]
             rows += [rest, [float(part == 0)], *(x[k] for x in samples), own[k].ravel()]
             rows += [[float(part == 0 and k in WRENCHES)], wrench]
-    out = drive(package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows]))
+    out = drive(
+        package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows])
+    )
     assert out[-1] == 0  # allocations
     difference = np.abs(out[:-1].reshape(-1, N_M) - np.concatenate(expected)).max()
     assert difference > 1.0 if planted else difference < 1e-9
@@ -357,9 +449,15 @@ def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
     import yaml
 
     folder = pushed[0]
-    texts = {p.relative_to(folder).as_posix(): p.read_text("ascii") for p in folder.rglob("*") if p.is_file()}
+    texts = {
+        p.relative_to(folder).as_posix(): p.read_text("ascii")
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
     for file, text in texts.items():
-        assert not re.search(r"@[A-Z_]+ ?@|flexgen_model|FLEXGEN_MODEL|\bmodel_|\bMODEL_", text), file
+        assert not re.search(r"@[A-Z_]+ ?@|flexgen_model|FLEXGEN_MODEL|\bmodel_|\bMODEL_", text), (
+            file
+        )
     config = yaml.safe_load(texts["config/controller.yaml"])["stream_controller"]["ros__parameters"]
     assert config["wrench_time"] == 0.1
     needed = {e.text for e in ElementTree.fromstring(texts["package.xml"]).iter("depend")}
@@ -368,7 +466,11 @@ def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
     assert "geometry_msgs" in needed and "WRENCH_ROWS = {0, 1}" in texts[f"include/{ROS}/arm.hpp"]
     for name, options, words in (
         (NAME, {"parts": ["bvp"]}, "parts: given bvp, expected some of force, limits"),
-        (NAME, {"parts": ["force"], "controller": False}, "expected some of force, limits, position, and a controller"),
+        (
+            NAME,
+            {"parts": ["force"], "controller": False},
+            "expected some of force, limits, position, and a controller",
+        ),
         ("four_mass", {"parts": ["force"]}, "whose output is none of the tool"),
     ):
         with pytest.raises(ArgumentError, match=words):
@@ -378,7 +480,11 @@ def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
 
 # --- limits -----------------------------------------------------------------------------------------------------------
 CURVE = [[0.0, 40.0], [300.0, 30.0], [600.0, 0.0]]
-LIMITED = {"motor.m1.torque_max": 22.0, "motor.m2.torque_speed": CURVE, "motor.m2.torque_rate_max": 2000.0}
+LIMITED = {
+    "motor.m1.torque_max": 22.0,
+    "motor.m2.torque_speed": CURVE,
+    "motor.m2.torque_rate_max": 2000.0,
+}
 LIMITED |= {f"element.arm{k}.dof.q{k}.gear.torque_max": x for k, x in ((1, 1700.0), (2, 400.0))}
 
 
@@ -393,21 +499,36 @@ def test_the_stream_keeps_the_limits_of_the_model(tmp_path, planted):
     flexgen.export_ros2(model, package, gains=None, parts=["limits"])
     text = (package / "config" / "controller.yaml").read_text(encoding="ascii")
     limits = yaml.safe_load(text)["stream_controller"]["ros__parameters"]["limits"]
-    assert limits["torque_max"] == [22.0, 40.0] and limits["torque_speed"][-6:] == np.ravel(CURVE).tolist()
-    assert limits["gear_torque_max"] == [1700.0, 400.0] and limits["tool_speed_max"] == limits["speed_max"][0] == 0.0
+    assert (
+        limits["torque_max"] == [22.0, 40.0]
+        and limits["torque_speed"][-6:] == np.ravel(CURVE).tolist()
+    )
+    assert (
+        limits["gear_torque_max"] == [1700.0, 400.0]
+        and limits["tool_speed_max"] == limits["speed_max"][0] == 0.0
+    )
     if planted:
         source = package / "src" / "stream_controller.cpp"
-        text, (a, b) = source.read_text(encoding="ascii"), ("::gear_torque_max}", "::torque_rate_max}")
+        text, (a, b) = (
+            source.read_text(encoding="ascii"),
+            ("::gear_torque_max}", "::torque_rate_max}"),
+        )
         assert text.count(a) == text.count(b) == 1
         source.write_text(text.replace(a, "::@").replace(b, a).replace("::@", b), encoding="ascii")
     objects, program = objects_of(package, NAME, ("LIMITED",)), tmp_path / "library.o"
     include, source = package / "include" / ROS, package / "src" / f"{NAME}.c"
-    subprocess.run([tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True)
+    subprocess.run(
+        [tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True
+    )
     subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
-    library = flexgen.load(flexgen.generate(model, tmp_path / "c", parts=["limits"], progress=False).directory)
+    library = flexgen.load(
+        flexgen.generate(model, tmp_path / "c", parts=["limits"], progress=False).directory
+    )
     zero, q_a, samples = np.zeros(2), np.append(model.home, 0.0), path_samples(n)
     y0 = output_at(flexgen.derive(model), q_a)
-    stream = library.stream(y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh")
+    stream = library.stream(
+        y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh"
+    )
     stream.limit_all(**flexgen.Limits.from_model(model).for_library(model))
     rest = stream.update(y0, zero, zero).q_m[0].copy()
     updates = [stream.update(*(x[k] for x in samples)) for k in range(n)]
@@ -415,10 +536,14 @@ def test_the_stream_keeps_the_limits_of_the_model(tmp_path, planted):
     for k in range(n):
         for part in range(PARTS):
             rows += [rest, [float(part == 0)], *(x[k] for x in samples)]
-    out = drive(package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows]))
+    out = drive(
+        package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows])
+    )
     assert out[-1] == 0  # allocations
     assert sum(x.limits_active for x in updates) > 10
-    difference = np.abs(out[:-1].reshape(-1, N_M) - np.concatenate([x.tau_m[:PARTS] for x in updates])).max()
+    difference = np.abs(
+        out[:-1].reshape(-1, N_M) - np.concatenate([x.tau_m[:PARTS] for x in updates])
+    ).max()
     assert difference > 1e-3 if planted else difference == 0.0
 
 
@@ -431,7 +556,9 @@ def test_the_files_are_well_formed_and_complete(package):
     for file, text in texts.items():
         if file == "drive.cpp":
             continue
-        assert not re.search(r"@[A-Z_]+ ?@|flexgen_model|FLEXGEN_MODEL|\bmodel_|\bMODEL_", text), file
+        assert not re.search(r"@[A-Z_]+ ?@|flexgen_model|FLEXGEN_MODEL|\bmodel_|\bMODEL_", text), (
+            file
+        )
         if file.endswith(".xml"):
             ElementTree.fromstring(text)
     ast.parse(texts["launch/stream_controller.launch.py"])
@@ -439,32 +566,49 @@ def test_the_files_are_well_formed_and_complete(package):
     assert config["controller_manager"]["ros__parameters"]["update_rate"] == 1000
     parameters = config["stream_controller"]["ros__parameters"]
     assert parameters["joints"] == ["m1", "m2"] and "speed_gain" not in parameters
-    assert set(re.findall(r'auto_declare<[\w:<>]+>\(\s*"(\w+)"', texts["src/stream_controller.cpp"])) >= set(parameters)
+    assert set(
+        re.findall(r'auto_declare<[\w:<>]+>\(\s*"(\w+)"', texts["src/stream_controller.cpp"])
+    ) >= set(parameters)
     tree = ElementTree.fromstring(texts["package.xml"])
     needed = {e.text for e in tree.iter("depend")}
     used = set(re.findall(r"find_package\((\w+) REQUIRED", texts["CMakeLists.txt"]))
     assert {x for x in used if not x.startswith("ament") and x != "Eigen3"} == needed - {"eigen"}
-    for name, base in (("InverseDynamics", "inverse_dynamics"), ("StreamController", "stream_controller")):
+    for name, base in (
+        ("InverseDynamics", "inverse_dynamics"),
+        ("StreamController", "stream_controller"),
+    ):
         file = f"{'inverse_dynamics' if base == 'inverse_dynamics' else 'controller'}_plugin.xml"
         (declared,) = ElementTree.fromstring(texts[file]).iter("class")
-        exported = re.search(r"PLUGINLIB_EXPORT_CLASS\(\s*([\w:]+),\s*([\w:]+)\)", texts[f"src/{base}.cpp"])
+        exported = re.search(
+            r"PLUGINLIB_EXPORT_CLASS\(\s*([\w:]+),\s*([\w:]+)\)", texts[f"src/{base}.cpp"]
+        )
         assert exported.groups() == (declared.get("type"), declared.get("base_class_type"))
         assert declared.get("name") == f"{ROS}/{name}"
-        assert f"add_library({ElementTree.fromstring(texts[file]).get('path')} SHARED" in texts["CMakeLists.txt"]
+        assert (
+            f"add_library({ElementTree.fromstring(texts[file]).get('path')} SHARED"
+            in texts["CMakeLists.txt"]
+        )
 
 
 def test_gains_names_and_the_plugin_alone(tmp_path):
     import yaml
 
     flexgen.export_ros2(
-        NAME, tmp_path / "a", package="my_arm", gains=gains(2.5), maintainer='<"A" & B>', license_name="X"
+        NAME,
+        tmp_path / "a",
+        package="my_arm",
+        gains=gains(2.5),
+        maintainer='<"A" & B>',
+        license_name="X",
     )
     config = yaml.safe_load((tmp_path / "a" / "config" / "controller.yaml").read_text())
     found = config["stream_controller"]["ros__parameters"]
     assert found["speed_gain"] == [0.8, 0.5] and found["torque_max"] == [2.5, 2.5]
     tree = ElementTree.parse(tmp_path / "a" / "package.xml")
     assert tree.findtext("maintainer") == '<"A" & B>' and tree.findtext("name") == "my_arm"
-    assert "namespace flexgen_my_arm" in (tmp_path / "a" / "src" / "inverse_dynamics.cpp").read_text()
+    assert (
+        "namespace flexgen_my_arm" in (tmp_path / "a" / "src" / "inverse_dynamics.cpp").read_text()
+    )
     flexgen.export_ros2(NAME, tmp_path / "b", controller=False)
     files = {path.name for path in (tmp_path / "b").rglob("*")}
     assert "inverse_dynamics.cpp" in files and "stream_controller.cpp" not in files
@@ -481,7 +625,16 @@ def test_names_of_packages_are_checked(package, tmp_path):
 @pytest.mark.parametrize("package", ["div", "signal"])
 def test_a_package_may_have_the_name_of_a_function_of_c(package, tmp_path):
     flexgen.export_ros2(NAME, tmp_path, package=package)
-    include = ["-isystem", eigen(), "-isystem", eigen() / "eigen3", "-I", STUBS, "-I", tmp_path / "include"]
+    include = [
+        "-isystem",
+        eigen(),
+        "-isystem",
+        eigen() / "eigen3",
+        "-I",
+        STUBS,
+        "-I",
+        tmp_path / "include",
+    ]
     include += ["-I", tmp_path / "include" / package]
     for source in (tmp_path / "src").glob("*.cpp"):
         command = [
@@ -501,9 +654,13 @@ def test_a_package_may_have_the_name_of_a_function_of_c(package, tmp_path):
     assert described.get("type") == f"flexgen_{package}::InverseDynamics"
 
 
-@pytest.mark.parametrize("package", ["class", "and_eq", "co_await", "std", "unix", "rclcpp", "eigen"])
+@pytest.mark.parametrize(
+    "package", ["class", "and_eq", "co_await", "std", "unix", "rclcpp", "eigen"]
+)
 def test_words_of_cpp_and_needed_packages_are_refused(package, tmp_path):
-    with pytest.raises(BuildError, match=rf"package: given '{package}', which is .*'{package}_dynamics'"):
+    with pytest.raises(
+        BuildError, match=rf"package: given '{package}', which is .*'{package}_dynamics'"
+    ):
         flexgen.export_ros2(NAME, tmp_path, package=package)
     assert not list(tmp_path.iterdir())
 
@@ -515,15 +672,25 @@ def test_names_equal_to_words_of_the_templates_are_kept(tmp_path):
         return text.replace(NAME, "flexgen_model").replace(NAME.upper(), "FLEXGEN_MODEL")
 
     given = emit(NAME, streams=True)
-    library = replace(given, name="flexgen_model", header=renamed(given.header), source=renamed(given.source))
+    library = replace(
+        given, name="flexgen_model", header=renamed(given.header), source=renamed(given.source)
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("flexgen.exports.ros2.export.emit", lambda *_, **__: library)
-        flexgen.export_ros2(NAME, tmp_path / "a", package="model", maintainer="flexgen_model @RATE@")
+        flexgen.export_ros2(
+            NAME, tmp_path / "a", package="model", maintainer="flexgen_model @RATE@"
+        )
     flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="owner")
-    for path in (p for p in (tmp_path / "a").rglob("*") if p.is_file() and p.name != "flexgen_export.json"):
+    for path in (
+        p for p in (tmp_path / "a").rglob("*") if p.is_file() and p.name != "flexgen_export.json"
+    ):
         relative = path.relative_to(tmp_path / "a").as_posix()
         other = relative.replace("include/model", "include/zzz").replace("flexgen_model", NAME)
-        text = renamed((tmp_path / "b" / other).read_text("ascii")).replace("zzz", "model").replace("ZZZ", "MODEL")
+        text = (
+            renamed((tmp_path / "b" / other).read_text("ascii"))
+            .replace("zzz", "model")
+            .replace("ZZZ", "MODEL")
+        )
         assert path.read_text("ascii") == text.replace("owner", "flexgen_model @RATE@"), relative
 
 
@@ -548,7 +715,8 @@ def test_a_model_without_streams_is_refused(tmp_path):
 def test_the_command_line(tmp_path, capsys):
     assert main(["export", "ros2", NAME, "--out", str(tmp_path), "-q"]) == 0
     assert "stream_controller.cpp" in capsys.readouterr().out
-    assert "speed_gain: [" in (tmp_path / "config" / "controller.yaml").read_text()  # of a P-PI cascade
+    # of a P-PI cascade
+    assert "speed_gain: [" in (tmp_path / "config" / "controller.yaml").read_text()
     assert main(["export", "ros2", NAME, "--out", str(tmp_path), "--package", "A", "-q"]) == 1
     assert "small letters" in capsys.readouterr().err
 
@@ -568,7 +736,10 @@ IN_SERVO = 5  # samples of the servo in an interval
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     """The package with the part position, and a library of it."""
-    folder, model = tmp_path_factory.mktemp("served"), flexgen.read(NAME, overrides={"servo": SERVO})
+    folder, model = (
+        tmp_path_factory.mktemp("served"),
+        flexgen.read(NAME, overrides={"servo": SERVO}),
+    )
     exported = flexgen.export_ros2(model, folder / "ros2", parts=["position"])
     assert exported.notes == ()
     made = flexgen.generate(model, folder / "library", parts=["position"], progress=False)
@@ -594,9 +765,12 @@ def interpolation(n: int, each: int, cubic: bool) -> np.ndarray:
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("each", "cubic", "chained", "planted"), [(1, False, True, False), (5, False, False, False), (5, True, True, True)]
+    ("each", "cubic", "chained", "planted"),
+    [(1, False, True, False), (5, False, False, False), (5, True, True, True)],
 )
-def test_positions_are_those_of_the_stream_for_the_interface(served, tmp_path, each, cubic, chained, planted):
+def test_positions_are_those_of_the_stream_for_the_interface(
+    served, tmp_path, each, cubic, chained, planted
+):
     """Each in the middle of a window whose interpolation by numpy is closest; planted: the next one of the window."""
     (folder, library, model), n, ahead, package = served, 60, 3, tmp_path / "ros2"
     shutil.copytree(folder, package)
@@ -605,10 +779,14 @@ def test_positions_are_those_of_the_stream_for_the_interface(served, tmp_path, e
         text = header.read_text(encoding="ascii")
         at = "static_cast<std::ptrdiff_t>(sides_) *"
         assert text.count(at) == 1
-        header.write_text(text.replace(at, "static_cast<std::ptrdiff_t>(sides_ + 1) *"), encoding="ascii")
+        header.write_text(
+            text.replace(at, "static_cast<std::ptrdiff_t>(sides_ + 1) *"), encoding="ascii"
+        )
     objects, program = objects_of(package, NAME, ("POSITION",)), tmp_path / "library.o"
     include, source = package / "include" / ROS, package / "src" / f"{NAME}.c"
-    subprocess.run([tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True)
+    subprocess.run(
+        [tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True
+    )
     subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
     samples, zero, q_a = path_samples(n), np.zeros(2), np.append(model.home, 0.0)
     y0 = output_at(flexgen.derive(NAME), q_a)
@@ -616,19 +794,29 @@ def test_positions_are_those_of_the_stream_for_the_interface(served, tmp_path, e
     stream = library.stream(y0, q_a, **options, servo=True)
     first = stream.update(y0, zero, zero)
     rest, commands = first.q_m[0].copy(), []
-    rows = [[float(chained), 100.0, float(n * IN_SERVO // each), each, ahead, float(cubic), 1e-3], rest]
+    rows = [
+        [float(chained), 100.0, float(n * IN_SERVO // each), each, ahead, float(cubic), 1e-3],
+        rest,
+    ]
     for k in range(n):
         commands.append(stream.update(*(x[k] for x in samples)).command_m[:IN_SERVO])
         for part in range(0, IN_SERVO, each):
             rows += [rest, [float(part == 0)], *(x[k] for x in samples)]
-    out = drive(package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows]))
+    out = drive(
+        package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows])
+    )
     assert out[-1] == 0  # allocations
     found, expected = out[:-1].reshape(-1, N_M), np.concatenate(commands)
     if each > 1:
         width = 2 * ahead * each + 1
         expected = np.concatenate([np.tile(first.command_m[:1], (width, 1)), expected])
         to_position = np.linalg.pinv(interpolation(width, each, cubic))[ahead]
-        expected = np.array([to_position @ expected[k + each : k + each + width] for k in range(0, n * IN_SERVO, each)])
+        expected = np.array(
+            [
+                to_position @ expected[k + each : k + each + width]
+                for k in range(0, n * IN_SERVO, each)
+            ]
+        )
     assert np.ptp(found, axis=0).min() > 5.0
     difference = np.abs(found - expected).max()
     assert difference > 1e-3 if planted else difference < 1e-9
@@ -640,15 +828,22 @@ def test_positions_need_a_servo_and_no_gains(tmp_path):
     model = flexgen.read(NAME, overrides={"servo": SERVO})
     with pytest.raises(ArgumentError, match="gains: given with positions"):
         flexgen.export_ros2(model, tmp_path, parts=["position"], gains=gains())
-    with pytest.raises(ArgumentError, match="parts: given noise, expected some of force, limits, position"):
+    with pytest.raises(
+        ArgumentError, match="parts: given noise, expected some of force, limits, position"
+    ):
         flexgen.export_ros2(model, tmp_path, parts=["noise"])
     uneven = flexgen.read(NAME, overrides={"servo": {**SERVO, "sample_time": 7e-4}})
-    with pytest.raises(ArgumentError, match=r"servo\.sample_time of planar5_nmp: given 0\.0007 s, expected a part of"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"servo\.sample_time of planar5_nmp: given 0\.0007 s, expected a part of",
+    ):
         flexgen.export_ros2(uneven, tmp_path, parts=["position"])
     both = flexgen.export_ros2(model, tmp_path / "both", parts=["position", "force"])
     text = (tmp_path / "both" / "config" / "controller.yaml").read_text()
     assert len(both.files) > 15
-    assert "wrench_time" in text and "position_gain" not in text and "samples_per_interval: 5" in text
+    assert (
+        "wrench_time" in text and "position_gain" not in text and "samples_per_interval: 5" in text
+    )
 
 
 @pytest.mark.slow
@@ -659,7 +854,12 @@ def test_cmake_builds_the_plugin_and_the_controller(package, pushed, served, tmp
     source = tmp_path / "package"
     shutil.copytree(package, source, ignore=shutil.ignore_patterns("*.o", "drive*"))
     (source / "src" / f"{NAME}.c").write_text(f'#include "{NAME}.h"\n', encoding="ascii")
-    definitions = {"CMAKE_PREFIX_PATH": STUBS / "cmake", "STUBS": STUBS, "EIGEN": eigen(), "CMAKE_CXX_FLAGS": "-O0"}
+    definitions = {
+        "CMAKE_PREFIX_PATH": STUBS / "cmake",
+        "STUBS": STUBS,
+        "EIGEN": eigen(),
+        "CMAKE_CXX_FLAGS": "-O0",
+    }
     words = [f"-D{key}={value}" for key, value in definitions.items()]
     run = [cmake, "-S", source, "-B", tmp_path / "build", "-Wno-dev", "-DBUILD_TESTING=OFF", *words]
     subprocess.run(run, check=True, capture_output=True)

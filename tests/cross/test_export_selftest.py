@@ -23,12 +23,16 @@ from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.library.source_folder import RECORD, write_folder
 
 
-def program(folder: Path, library: Path, *flags: str, strict: bool = True) -> subprocess.CompletedProcess[str]:
+def program(
+    folder: Path, library: Path, *flags: str, strict: bool = True
+) -> subprocess.CompletedProcess[str]:
     """Compile the self-test and run it with a compiled library."""
     cc, name = tool("gcc"), library.stem
     words = [*STRICT, "-O0"] if strict else PLAIN
     subprocess.run([cc, *words, *flags, "-c", f"{name}_selftest.c"], cwd=folder, check=True)
-    subprocess.run([cc, f"{name}_selftest.o", library, "-lm", "-o", "selftest"], cwd=folder, check=True)
+    subprocess.run(
+        [cc, f"{name}_selftest.o", library, "-lm", "-o", "selftest"], cwd=folder, check=True
+    )
     return subprocess.run(["./selftest"], cwd=folder, capture_output=True, text=True, check=False)
 
 
@@ -92,7 +96,9 @@ def test_gears_and_motors_with_memory_pass_and_what_they_forget_is_seen(tmp_path
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_an_elastic_arm_with_memory_passes(precision, tmp_path):
     numbers = {motor: NUMBERS for motor in ("m1", "m2")}
-    gears = {f"element.{joint}.gear.hysteresis": SLIPPING for joint in ("arm1.dof.q1", "arm2.dof.q2")}
+    gears = {
+        f"element.{joint}.gear.hysteresis": SLIPPING for joint in ("arm1.dof.q1", "arm2.dof.q2")
+    }
     model = bristled("planar5_nmp", numbers, **gears)
     made = flexgen.export_selftest(model, tmp_path, precision=precision)
     command = [tool("gcc"), *PLAIN, "-c", "planar5_nmp.c"]
@@ -101,7 +107,9 @@ def test_an_elastic_arm_with_memory_passes(precision, tmp_path):
     assert run.returncode == 0 and run.stdout.startswith("PASS"), run.stdout
 
 
-def planted(folder: Path, tmp_path: Path, file: str, pattern: str, change) -> subprocess.CompletedProcess[str]:
+def planted(
+    folder: Path, tmp_path: Path, file: str, pattern: str, change
+) -> subprocess.CompletedProcess[str]:
     """Run the self-test with one change of its text, or of the library."""
     for path in folder.iterdir():
         if path.suffix in (".c", ".h"):
@@ -137,14 +145,17 @@ CASES = "planar5_nmp_selftest_cases.h"
 def test_planted_errors_of_the_program_are_seen(exported, tmp_path, pattern, change, where):
     run = planted(exported, tmp_path, CASES, pattern, change)
     assert run.returncode == 1 and run.stdout.splitlines()[-1].startswith("FAIL")
-    assert any(line.startswith("FAIL") and where in line for line in run.stdout.splitlines()[:-1]), run.stdout
+    assert any(
+        line.startswith("FAIL") and where in line for line in run.stdout.splitlines()[:-1]
+    ), run.stdout
 
 
 @needs_compiler
 @pytest.mark.parametrize(
     ("pattern", "where"),
     [
-        (r'(?=compare\(result, "(gravity)\.(\w+)")', "gravity"),  # the first entry of an array of several
+        # the first entry of an array of several
+        (r'(?=compare\(result, "(gravity)\.(\w+)")', "gravity"),
         (r'(?=compare_rows\(result, "stream_update.tau_m", (found)())', "stream_update.tau_m"),
     ],
 )
@@ -176,10 +187,18 @@ def test_the_selftest_is_a_function_for_other_programs(exported, tmp_path):
     )
     cc = tool("gcc")
     source = exported / "planar5_nmp_selftest.c"
-    subprocess.run([cc, *STRICT, "-O0", *flags, "-c", source, "-o", "test.o"], cwd=tmp_path, check=True)
-    symbols = subprocess.run([tool("nm"), "-u", "test.o"], cwd=tmp_path, check=True, capture_output=True, text=True)
+    subprocess.run(
+        [cc, *STRICT, "-O0", *flags, "-c", source, "-o", "test.o"], cwd=tmp_path, check=True
+    )
+    symbols = subprocess.run(
+        [tool("nm"), "-u", "test.o"], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
     assert not re.search(r"\b(printf|puts|malloc|calloc|fopen)\b", symbols.stdout)
-    subprocess.run([cc, "own.c", "test.o", library_object("planar5_nmp")[1], "-o", "own"], cwd=tmp_path, check=True)
+    subprocess.run(
+        [cc, "own.c", "test.o", library_object("planar5_nmp")[1], "-o", "own"],
+        cwd=tmp_path,
+        check=True,
+    )
     subprocess.run(["./own"], cwd=tmp_path, check=True)
 
 
@@ -202,7 +221,9 @@ def test_folders_of_others_are_refused(tmp_path):
         flexgen.export_selftest("planar5_nmp", tmp_path, motion=False)
     assert [p.name for p in tmp_path.iterdir()] == ["planar5_nmp.c"]
     (tmp_path / "planar5_nmp.c").unlink()
-    (tmp_path / "flexgen_export.json").write_text('{"kind": "ros2", "name": "planar5_nmp", "files": {}}')
+    (tmp_path / "flexgen_export.json").write_text(
+        '{"kind": "ros2", "name": "planar5_nmp", "files": {}}'
+    )
     with pytest.raises(BuildError, match=r"the export ros2 of 'planar5_nmp'"):
         flexgen.export_selftest("planar5_nmp", tmp_path, motion=False)
     with pytest.raises(ArgumentError, match="expected the path of a folder"):
@@ -226,14 +247,19 @@ def test_folders_of_others_are_refused(tmp_path):
 )
 def test_a_damaged_record_of_an_export_is_refused(tmp_path, record):
     (tmp_path / RECORD).write_text(record)
-    with pytest.raises(BuildError, match=r"flexgen_export.json: given a file that flexgen did not write"):
+    with pytest.raises(
+        BuildError, match=r"flexgen_export.json: given a file that flexgen did not write"
+    ):
         write_folder(tmp_path, "selftest", "planar5_nmp", {"a.c": "1"})
     assert [p.name for p in tmp_path.iterdir()] == [RECORD]
 
 
 def contents(folder: Path) -> dict[str, str | None]:
     """Text by path, None for folders."""
-    return {p.relative_to(folder).as_posix(): p.read_text() if p.is_file() else None for p in folder.rglob("*")}
+    return {
+        p.relative_to(folder).as_posix(): p.read_text() if p.is_file() else None
+        for p in folder.rglob("*")
+    }
 
 
 @pytest.mark.parametrize("place", ["b.c", "src/a.c", RECORD])
@@ -243,7 +269,9 @@ def test_folders_with_the_name_of_a_file_are_refused(tmp_path, place):
     (tmp_path / place / "mine").mkdir(parents=True)
     before = contents(tmp_path)
     with pytest.raises(BuildError, match=rf"given folders with the names of files \({place}\)"):
-        write_folder(tmp_path, "mex", "arm", {"a.c": "new", "b.c": "new", "src/a.c": "new"}, force=True)
+        write_folder(
+            tmp_path, "mex", "arm", {"a.c": "new", "b.c": "new", "src/a.c": "new"}, force=True
+        )
     assert contents(tmp_path) == before
 
 
@@ -287,7 +315,15 @@ def test_a_move_through_a_singular_pose_is_refused(monkeypatch, tmp_path):
 
 
 def test_the_command_line(tmp_path, capsys):
-    assert main(["export", "selftest", "planar5_nmp", "--out", str(tmp_path), "--no-motion", "-q"]) == 0
+    assert (
+        main(["export", "selftest", "planar5_nmp", "--out", str(tmp_path), "--no-motion", "-q"])
+        == 0
+    )
     assert "planar5_nmp_selftest.c" in capsys.readouterr().out
-    assert main(["export", "selftest", "planar5_nmp", "--out", str(tmp_path), "--move", "nosuch", "-q"]) == 1
+    assert (
+        main(
+            ["export", "selftest", "planar5_nmp", "--out", str(tmp_path), "--move", "nosuch", "-q"]
+        )
+        == 1
+    )
     assert "nosuch" in capsys.readouterr().err

@@ -31,16 +31,28 @@ def blocks(tmp_path_factory):
     return folder
 
 
-def block(folder: Path, name: str, *flags: str, model: str = NAME, library: Path | None = None) -> Path:
+def block(
+    folder: Path, name: str, *flags: str, model: str = NAME, library: Path | None = None
+) -> Path:
     """A program that drives an S-function."""
     program = folder / f"drive_{name}"
     include = ["-isystem", STUBS, "-I", folder, f'-DSFUNCTION="{model}_{name}_sfun.c"']
-    command = [tool("gcc"), *STRICT, "-O0", *include, *flags, STUBS / "drive.c", folder / f"{model}_ccaller.c"]
+    command = [
+        tool("gcc"),
+        *STRICT,
+        "-O0",
+        *include,
+        *flags,
+        STUBS / "drive.c",
+        folder / f"{model}_ccaller.c",
+    ]
     subprocess.run([*command, library or library_object(NAME)[1], "-lm", "-o", program], check=True)
     return program
 
 
-def run(program: Path, parameters: list[np.ndarray], rows: np.ndarray, expected: int = 0) -> np.ndarray | str:
+def run(
+    program: Path, parameters: list[np.ndarray], rows: np.ndarray, expected: int = 0
+) -> np.ndarray | str:
     """Outputs of every step, after the sample time; with an error its text."""
     given = [[len(parameters)]]
     for x in parameters:
@@ -54,7 +66,14 @@ def run(program: Path, parameters: list[np.ndarray], rows: np.ndarray, expected:
 
 def stream_parameters(**changed) -> list:
     q_start = np.append(flexgen.read(NAME).home, 0.0)
-    given = {"period": PERIOD, "intervals": INTERVALS, "samples": SAMPLES, "tolerance": 1e-6, "hold": 2, "delay": 0}
+    given = {
+        "period": PERIOD,
+        "intervals": INTERVALS,
+        "samples": SAMPLES,
+        "tolerance": 1e-6,
+        "hold": 2,
+        "delay": 0,
+    }
     given |= {"start_output": output_at(flexgen.derive(NAME), q_start), "q_start": q_start}
     return list((given | changed).values())
 
@@ -66,13 +85,20 @@ def stream_samples(n: int) -> tuple[np.ndarray, ...]:
 
 def expected_stream(samples) -> np.ndarray:
     y0, q = stream_parameters()[-2:]
-    options = {"period": PERIOD, "intervals": INTERVALS, "samples_per_interval": SAMPLES, "hold": "zoh"}
+    options = {
+        "period": PERIOD,
+        "intervals": INTERVALS,
+        "samples_per_interval": SAMPLES,
+        "hold": "zoh",
+    }
     stream = loaded(NAME).stream(y0, q, **options)
     rows = []
     for y, dy, ddy in zip(*samples, strict=True):
         now = stream.update(y, dy, ddy)
         rows.append(
-            np.concatenate([now.tau_m.ravel(), now.q_m.ravel(), now.v_m.ravel(), [0.0 if now.converged else 1]])
+            np.concatenate(
+                [now.tau_m.ravel(), now.q_m.ravel(), now.v_m.ravel(), [0.0 if now.converged else 1]]
+            )
         )
     return np.array(rows)
 
@@ -133,9 +159,13 @@ def test_inverse_dynamics_has_the_bits_of_python(blocks):
     rows = np.hstack([states[x] for x in ("q_a", "v_a", "a_a")])
     out = run(block(blocks, "inverse_dynamics"), [], rows)
     assert out[0] == -1.0  # inherited
-    expected = [library.inverse_dynamics(*(states[x][k] for x in ("q_a", "v_a", "a_a"))) for k in range(20)]
+    expected = [
+        library.inverse_dynamics(*(states[x][k] for x in ("q_a", "v_a", "a_a"))) for k in range(20)
+    ]
     assert np.array_equal(out[1:].reshape(20, -1), expected)
-    assert "an input is not finite" in run(block(blocks, "inverse_dynamics"), [], rows * np.nan, expected=3)
+    assert "an input is not finite" in run(
+        block(blocks, "inverse_dynamics"), [], rows * np.nan, expected=3
+    )
 
 
 @needs_compiler
@@ -167,7 +197,16 @@ def test_functions_for_c_caller_have_the_bits_of_python(blocks, tmp_path):
     import ctypes
 
     library = loaded(NAME)
-    command = [tool("gcc"), *STRICT, "-O0", "-shared", "-fPIC", "-I", blocks, blocks / f"{NAME}_ccaller.c"]
+    command = [
+        tool("gcc"),
+        *STRICT,
+        "-O0",
+        "-shared",
+        "-fPIC",
+        "-I",
+        blocks,
+        blocks / f"{NAME}_ccaller.c",
+    ]
     subprocess.run([*command, library_object(NAME)[1], "-o", tmp_path / "c.so"], check=True)
     loaded_c = ctypes.CDLL(str(tmp_path / "c.so"))
     states = random_states(flexgen.read(NAME), 1)
@@ -195,7 +234,10 @@ def test_models_without_streams(tmp_path):
         flexgen.export_simulink(model, tmp_path)
     assert not list(tmp_path.iterdir())
     flexgen.export_simulink(model, tmp_path, stream=False)
-    assert not (tmp_path / "elbow_stream_sfun.c").exists() and (tmp_path / "elbow_inverse_dynamics_sfun.c").exists()
+    assert (
+        not (tmp_path / "elbow_stream_sfun.c").exists()
+        and (tmp_path / "elbow_inverse_dynamics_sfun.c").exists()
+    )
     assert "stream" not in (tmp_path / "setup_elbow.m").read_text()
 
 

@@ -43,7 +43,9 @@ def difference_to_mujoco(run: flexgen.ControlRun, parts: int = 8) -> float:
     MuJoCo begins at rest before the motion, under the torques that the loop sent, each held for a sample.
     """
     model, reference = run.model, run.reference
-    first, last = np.searchsorted(reference.time, (reference.begin - 0.01, reference.path_end)).tolist()
+    first, last = np.searchsorted(
+        reference.time, (reference.begin - 0.01, reference.path_end)
+    ).tolist()
     process = make_force(run.trajectory(), model, reference.path_end)
     m = mujoco.MjModel.from_xml_string(mjcf(model))
     m.opt.timestep = run.hardware.sample_s / parts
@@ -74,7 +76,9 @@ def difference_to_mujoco(run: flexgen.ControlRun, parts: int = 8) -> float:
 
 
 @pytest.mark.slow
-def test_mujoco_under_the_torques_of_the_loop_moves_as_the_robot_in_it(equations, force, monkeypatch):
+def test_mujoco_under_the_torques_of_the_loop_moves_as_the_robot_in_it(
+    equations, force, monkeypatch
+):
     assert difference_to_mujoco(flexgen.control(equations, force=force, assumed_force=0.0)) < 1e-2
     right = ProcessForce.mean
     monkeypatch.setattr(ProcessForce, "mean", lambda self, t, width: -right(self, t, width))
@@ -84,7 +88,10 @@ def test_mujoco_under_the_torques_of_the_loop_moves_as_the_robot_in_it(equations
 @pytest.mark.slow
 def test_the_error_of_a_known_force_is_that_of_the_hold(equations, force, monkeypatch):
     """Of order four in the sample time; both planted errors leave more than a thousand times as much."""
-    errors = [flexgen.control(equations, force=force, sample_time=h).tool_error_max_m for h in (2 * SAMPLE, SAMPLE)]
+    errors = [
+        flexgen.control(equations, force=force, sample_time=h).tool_error_max_m
+        for h in (2 * SAMPLE, SAMPLE)
+    ]
     assert errors[1] < 1e-8 and 10.0 < errors[0] / errors[1] < 25.0
     right, plain = loop_case.motion_reference, flexgen.solve(equations, progress=False).trajectory
 
@@ -105,7 +112,9 @@ def test_a_held_force_moves_a_mass_as_the_force_itself(monkeypatch):
     """The third power of a sine, integrated twice; means alone, planted, leave 1/12 of the second difference."""
     w, h = 2 * np.pi, 0.02
     t = h * np.arange(201)
-    process = make_force(lambda t: np.outer(np.sin(w * t) ** 3, [1.0, 0.0, 0.0]), flexgen.read("elbow"), t[-1])
+    process = make_force(
+        lambda t: np.outer(np.sin(w * t) ** 3, [1.0, 0.0, 0.0]), flexgen.read("elbow"), t[-1]
+    )
     exact = (np.sin(3 * w * t) / 9 - 3 * np.sin(w * t)) / 4
 
     def largest_error() -> float:
@@ -122,7 +131,9 @@ def test_a_held_force_moves_a_mass_as_the_force_itself(monkeypatch):
 @pytest.mark.parametrize("controller", ["ppi", "lqg"])
 def test_a_force_that_is_wrong_by_a_fifth_leaves_a_fifth(equations, force, controller):
     none, wrong = (
-        flexgen.control(equations, force=force, assumed_force=factor, controller=controller).tool_error_max_m
+        flexgen.control(
+            equations, force=force, assumed_force=factor, controller=controller
+        ).tool_error_max_m
         for factor in (0.0, 0.8)
     )
     assert none > 3e-4 and 0.15 < wrong / none < 0.21
@@ -134,7 +145,9 @@ def test_robots_rest_under_a_constant_force(equations, monkeypatch):
     run = flexgen.control(equations, force=constant, plants={"soft": {"stiffness": 0.8}})
     still = run.reference.time < run.reference.begin
     assert run.distance(run.nominal)[still].max() < 1e-8 and run.tool_error_max_m < 1e-6
-    assert np.ptp(run["soft"].error[still], axis=0).max() < 1e-6 < np.abs(run["soft"].error[0]).max()
+    assert (
+        np.ptp(run["soft"].error[still], axis=0).max() < 1e-6 < np.abs(run["soft"].error[0]).max()
+    )
     monkeypatch.setattr(LocalDynamics, "under", lambda self, force, t: self)
     run = flexgen.control(equations, force=constant)
     assert run.distance(run.nominal)[still].max() > 1e-5
@@ -163,7 +176,10 @@ def test_six_axes_rest_until_the_motion_begins():
 def test_gears_with_hysteresis_feel_the_force():
     equations = flexgen.derive(hysteretic("elbow"))
     force = milling(duration_of(equations), PLANE, hz=20.0)
-    errors = [flexgen.control(equations, force=force, assumed_force=a).tool_error_max_m for a in (1.0, 0.0)]
+    errors = [
+        flexgen.control(equations, force=force, assumed_force=a).tool_error_max_m
+        for a in (1.0, 0.0)
+    ]
     assert errors[0] < 2e-5 < 2e-4 < errors[1]
 
 
@@ -172,16 +188,29 @@ def test_command_figures_and_report(tmp_path, equations, force, capsys):
     t = np.linspace(0.0, duration_of(equations), 2001)
     solution = flexgen.solve(equations, force=force, verify=False, progress=False)
     file = str(solution.save(tmp_path / "force.npz"))
-    words = ["--force", file, "--assumed-force", "0.8", "--out", str(tmp_path / "out.npz"), "--json"]
+    words = [
+        "--force",
+        file,
+        "--assumed-force",
+        "0.8",
+        "--out",
+        str(tmp_path / "out.npz"),
+        "--json",
+    ]
     assert main(["control", MODEL, *words, "--report", str(tmp_path / "page")]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert abs(found["force_error_max_N"] - 0.2 * found["force_max_N"]) < 1e-3 * found["force_max_N"]
+    assert (
+        abs(found["force_error_max_N"] - 0.2 * found["force_max_N"]) < 1e-3 * found["force_max_N"]
+    )
     out = flexgen.Trajectory.load(tmp_path / "out.npz")
     np.testing.assert_allclose(out.at(t[5:-5])["force"][:, :2], force(t)[5:-5], atol=1.0)
     page = (tmp_path / "page" / "index.html").read_text()
     assert "force that the feedforward assumes, largest" in page
     assert main(["control", MODEL, "--force", file]) == 0
-    assert "force of the process up to 299.5 N, in the feedforward up to 299.5 N" in capsys.readouterr().out
+    assert (
+        "force of the process up to 299.5 N, in the feedforward up to 299.5 N"
+        in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,11 @@ POINT = (0.11, -0.07, 0.05)  # m: of the sensors in the body frames
 def without_coulomb(name: str) -> dict[str, object]:
     """Overrides that leave viscous friction alone, as the referee knows it."""
     plain = flexgen.read(name)
-    return {f"motor.{m.name}.friction.coulomb": 0.0 for m in plain.motors if getattr(m.friction, "coulomb", 0.0)}
+    return {
+        f"motor.{m.name}.friction.coulomb": 0.0
+        for m in plain.motors
+        if getattr(m.friction, "coulomb", 0.0)
+    }
 
 
 def sensed(name: str) -> RobotModel:
@@ -35,12 +39,18 @@ def sensed(name: str) -> RobotModel:
     plain = flexgen.read(name, overrides=without_coulomb(name))
     joints = [c for c in plain.coordinates if c.dof is not None]
     sensors = [
-        {"name": f"t_{c.name}", "type": "joint_torque", "coordinate": c.name, "unit": "N m" if c.unit == "rad" else "N"}
+        {
+            "name": f"t_{c.name}",
+            "type": "joint_torque",
+            "coordinate": c.name,
+            "unit": "N m" if c.unit == "rad" else "N",
+        }
         for c in joints
     ]
     places = [element.name for element in plain.elements] + ["tool"]
     sensors += [
-        {"name": f"w_{p}", "type": "wrench", "element": p, "unit": "N", "position": list(POINT)} for p in places
+        {"name": f"w_{p}", "type": "wrench", "element": p, "unit": "N", "position": list(POINT)}
+        for p in places
     ]
     return flexgen.read(name, overrides={"sensor": sensors, **without_coulomb(name)})
 
@@ -53,7 +63,9 @@ class Sensing(MujocoMachine):
 
     def wrenches(self) -> np.ndarray:
         """Force and moment at each site: what the parent exerts on the body that carries it."""
-        return np.concatenate([self.d.sensor(f"{kind} {name}").data for name in self.sites for kind in ("f", "m")])
+        return np.concatenate(
+            [self.d.sensor(f"{kind} {name}").data for name in self.sites for kind in ("f", "m")]
+        )
 
     @property
     def sites(self) -> list[str]:
@@ -78,7 +90,9 @@ class Sensing(MujocoMachine):
 
     def _tendons(self) -> str:
         kinds = (("f", "force"), ("m", "torque"))
-        rows = "".join(f'<{kind} name="{k} {n}" site="at {n}"/>' for n in self.sites for k, kind in kinds)
+        rows = "".join(
+            f'<{kind} name="{k} {n}" site="at {n}"/>' for n in self.sites for k, kind in kinds
+        )
         return super()._tendons() + f"<sensor>{rows}</sensor>"
 
 
@@ -94,12 +108,21 @@ def state_of(model: RobotModel) -> tuple[np.ndarray, ...]:
     return q_a, v_a, q_m, v_m, tau_m, force
 
 
-def motion_of(model: RobotModel, q_a: np.ndarray, v_a: np.ndarray, a_a: np.ndarray, q_m: np.ndarray, force: np.ndarray):
+def motion_of(
+    model: RobotModel,
+    q_a: np.ndarray,
+    v_a: np.ndarray,
+    a_a: np.ndarray,
+    q_m: np.ndarray,
+    force: np.ndarray,
+):
     """A trajectory of two equal samples."""
     values = {"q_a": q_a, "v_a": v_a, "a_a": a_a, "q_m": q_m, "force": force}
     labels = {name: tuple(map(str, range(len(x)))) for name, x in values.items()}
     ports = {name: Port(name, (len(x),), "-", "") for name, x in values.items()}
-    return Trajectory(np.array([0.0, 1.0]), {n: np.tile(x, (2, 1)) for n, x in values.items()}, ports, labels)
+    return Trajectory(
+        np.array([0.0, 1.0]), {n: np.tile(x, (2, 1)) for n, x in values.items()}, ports, labels
+    )
 
 
 def both(name: str) -> tuple[np.ndarray, np.ndarray, int]:
@@ -108,7 +131,9 @@ def both(name: str) -> tuple[np.ndarray, np.ndarray, int]:
     q_a, v_a, q_m, v_m, tau_m, force = state_of(model)
     machine = Sensing(model)
     body = machine.m.body("payload").id
-    machine._set(machine.P @ np.concatenate([q_a, q_m[list(model.i_m)]]), np.zeros(len(machine.at_v)))
+    machine._set(
+        machine.P @ np.concatenate([q_a, q_m[list(model.i_m)]]), np.zeros(len(machine.at_v))
+    )
     arm = machine.d.site("tool").xpos - machine.d.xipos[body]
     machine.d.xfrc_applied[body] = np.concatenate([force[:3], force[3:] + np.cross(arm, force[:3])])
     machine.forward_dynamics(q_a, v_a, q_m, v_m, tau_m)
@@ -143,10 +168,16 @@ def test_a_beam_behind_a_sensor_is_held_by_its_whole_weight() -> None:
     base = {"name": "base", "type": "wrench", "element": plain.elements[0].name, "unit": "N"}
     model = flexgen.read("beam_arm", overrides={"sensor": [base]})
     still = np.zeros(model.n_a)
-    seen = flexgen.sense(model, motion_of(model, still, still, still, np.zeros(model.n_m), np.zeros(6)))["y_s"][0]
-    beams = sum(modal_beam(element.beam).mass for element in plain.elements if element.beam is not None)
+    seen = flexgen.sense(
+        model, motion_of(model, still, still, still, np.zeros(model.n_m), np.zeros(6))
+    )["y_s"][0]
+    beams = sum(
+        modal_beam(element.beam).mass for element in plain.elements if element.beam is not None
+    )
     mass = beams + plain.payload.mass + sum(element.body.mass for element in plain.elements)
-    assert beams > 0 and np.linalg.norm(seen[:3]) == pytest.approx(mass * np.linalg.norm(plain.gravity), rel=1e-12)
+    assert beams > 0 and np.linalg.norm(seen[:3]) == pytest.approx(
+        mass * np.linalg.norm(plain.gravity), rel=1e-12
+    )
 
 
 # --- the loop ---------------------------------------------------------------------------------------------------------
@@ -168,13 +199,17 @@ def test_the_loop_measures_the_torque_of_the_gear_and_the_force_on_the_tool() ->
         still = np.zeros(model.n_a), np.zeros(model.n_m)
         held = np.array(gear(robot.q_a[before], still[0], robot.q_m[before], still[1])).ravel()
         assert robot.sensors[before, 0] == pytest.approx(held[0], rel=1e-6)
-        assert np.linalg.norm(robot.sensors[before, 1:4]) == pytest.approx(9.81 * mass, rel=1e-6, abs=1e-6)
+        assert np.linalg.norm(robot.sensors[before, 1:4]) == pytest.approx(
+            9.81 * mass, rel=1e-6, abs=1e-6
+        )
         # At rest again the wrench holds the weight against the push.
         p = robot.sensors[-1, 1:4]
         assert np.linalg.norm(p) == pytest.approx(np.hypot(30.0, 9.81 * mass), rel=1e-4)
     quiet = np.searchsorted(run.reference.time, 0.195)
     planned = run.reference.y_s
-    assert np.abs(run.nominal.sensors[:quiet] - planned[:quiet]).max() < 1e-2 * np.abs(planned).max()
+    assert (
+        np.abs(run.nominal.sensors[:quiet] - planned[:quiet]).max() < 1e-2 * np.abs(planned).max()
+    )
 
 
 @pytest.mark.slow
@@ -194,16 +229,29 @@ def test_an_encoder_error_reaches_the_controller() -> None:
 
 
 @pytest.mark.slow
-def test_a_strain_gauge_reads_the_deflection_and_its_responses_are_those_of_the_linear_model() -> None:
-    gauge = {"name": "bend", "type": "strain", "coordinate": "q3", "unit": "um/m", "gauge": 2e4, "offset": -3.0}
+def test_a_strain_gauge_reads_the_deflection_and_its_responses_are_those_of_the_linear_model() -> (
+    None
+):
+    gauge = {
+        "name": "bend",
+        "type": "strain",
+        "coordinate": "q3",
+        "unit": "um/m",
+        "gauge": 2e4,
+        "offset": -3.0,
+    }
     plain = without_coulomb("planar5_nmp")
     model = flexgen.read("planar5_nmp", overrides={"sensor": [gauge], **plain})
     run = flexgen.control(model, "line")
-    assert run.nominal.sensors[:, 0] == pytest.approx(2e-2 * run.nominal.q_a[:, 2] - 3e-6, rel=1e-12, abs=1e-15)
+    assert run.nominal.sensors[:, 0] == pytest.approx(
+        2e-2 * run.nominal.q_a[:, 2] - 3e-6, rel=1e-12, abs=1e-15
+    )
     plan = flexgen.excite(model, poses=[[0.3, -1.1]], speed_rms=0.005, f_max=100.0, lines=12)
     found = flexgen.frf(flexgen.measure(plan, model))
     local = LocalModel(model, (), found.sensors)
-    exact = local.response(local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False).G
+    exact = local.response(
+        local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False
+    ).G
     assert found.outputs == ("m1", "m2", "bend")
     assert np.abs(found.G - exact)[:, :, 2].max() < 2e-3 * np.abs(exact[:, :, 2]).max()
 
@@ -212,7 +260,10 @@ BAD = [
     ({"type": "joint_torque", "unit": "N m"}, "sensor.s.coordinate"),
     ({"type": "joint_torque", "coordinate": "q1", "unit": "N"}, "sensor.s.unit"),
     ({"type": "wrench", "element": "no", "unit": "N"}, "sensor.s.element"),
-    ({"type": "wrench", "element": "tool", "unit": "N", "moment_noise": -1.0}, "sensor.s.moment_noise"),
+    (
+        {"type": "wrench", "element": "tool", "unit": "N", "moment_noise": -1.0},
+        "sensor.s.moment_noise",
+    ),
     ({"type": "strain", "coordinate": "q1", "unit": "1", "gauge": 1.0}, "sensor.s.coordinate"),
     ({"type": "strain", "coordinate": "q3", "unit": "1"}, "sensor.s.gauge"),
 ]
@@ -229,8 +280,12 @@ def test_what_is_not_covered_is_refused() -> None:
     with pytest.raises(ArgumentError, match=r"given elbow without a \[\[sensor\]\]"):
         flexgen.sense(plain, flexgen.solve(plain).trajectory)
     rotors = {f"motor.m1.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "base"))}
-    rotors |= {f"motor.m2.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "upper"))}
-    model = flexgen.read("elbow", overrides={"motor_coupling": "complete", "sensor": [TORQUES[1]], **rotors})
+    rotors |= {
+        f"motor.m2.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "upper"))
+    }
+    model = flexgen.read(
+        "elbow", overrides={"motor_coupling": "complete", "sensor": [TORQUES[1]], **rotors}
+    )
     with pytest.raises(ArgumentError, match=r'sensor flange: .*motor_coupling = "complete"'):
         flexgen.excite(model, poses=[[0.5, -0.3]], sensors=["flange.fx"])
 

@@ -23,7 +23,11 @@ from flexgen.runtime.library import Library
 pytestmark = needs_compiler
 SAME = 1e-7  # relative: at its first sample C has differences to one side
 SUMS = {
-    "element.upper.dof.q1.gear.transmission_error": {"harmonics": [1, 2], "cos": [1e-4, 0.0], "sin": [0.0, 5e-5]},
+    "element.upper.dof.q1.gear.transmission_error": {
+        "harmonics": [1, 2],
+        "cos": [1e-4, 0.0],
+        "sin": [0.0, 5e-5],
+    },
     "motor.m2.cogging": {"harmonics": [6], "sin": [0.1]},
 }
 
@@ -55,7 +59,11 @@ def solved(kind: str) -> Any:
     t = np.clip(path.time, 0.0, move.duration)
     y, dy, ddy = (np.ascontiguousarray(x) for x in move.sample(t).y.transpose(2, 0, 1)[:3])
     inside = ((path.time > 0.0) & (path.time < move.duration))[:, None]
-    return path, (y, dy * inside, ddy * inside), {"period": float(path.time[1]), "q_start": move.q_start}
+    return (
+        path,
+        (y, dy * inside, ddy * inside),
+        {"period": float(path.time[1]), "q_start": move.q_start},
+    )
 
 
 def error_of(library: Library, kind: str = "") -> float:
@@ -68,7 +76,8 @@ def error_of(library: Library, kind: str = "") -> float:
 
 
 @pytest.mark.parametrize(
-    "kind", ["", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("harmonic", "hysteresis"))]
+    "kind",
+    ["", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("harmonic", "hysteresis"))],
 )
 def test_whole_paths_and_streams_are_those_of_python(kind: str) -> None:
     library = library_of(robot(kind))
@@ -110,18 +119,30 @@ def test_the_temperature_is_a_run_time_parameter(tmp_path: Path) -> None:
 
 
 PLANTED = {
-    "whole path": ("carried += eta_inverse[i][j]", "carried -= 0.99 * eta_inverse[i][j]", "whole_path.h"),
-    "stream": ("load[j] += eta_inverse[i][j] * tau_g[i];", "load[j] += eta_inverse[j][i] * tau_g[0];", "motors.h"),
+    "whole path": (
+        "carried += eta_inverse[i][j]",
+        "carried -= 0.99 * eta_inverse[i][j]",
+        "whole_path.h",
+    ),
+    "stream": (
+        "load[j] += eta_inverse[i][j] * tau_g[i];",
+        "load[j] += eta_inverse[j][i] * tau_g[0];",
+        "motors.h",
+    ),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", PLANTED)
-def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str) -> None:
+def test_planted_errors_of_the_c_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str
+) -> None:
     old, new, file = PLANTED[bug]
     plant_in_c(monkeypatch, file, old, new)
     functions = functions_of(robot())
-    made = generate_parts(robot(), tmp_path, functions, ("invert", "stream"), progress=lambda line: None)
+    made = generate_parts(
+        robot(), tmp_path, functions, ("invert", "stream"), progress=lambda line: None
+    )
     with flexgen.load(made.directory) as library:
         if file == "motors.h":
             assert stream_errors(robot(), library) > 1e-4

@@ -27,7 +27,11 @@ KNOWN, WRONG = 5e-8, 0.25  # m; of the error without hysteresis in the inverse
 
 def paths(name: str) -> list[flexgen.Trajectory]:
     """Without hysteresis, with that of the robot, and with a loop that is 20 % too wide."""
-    models = [with_friction(flexgen.read(name), "viscous"), hysteretic(name), hysteretic(name, 1.2 * ARCMIN)]
+    models = [
+        with_friction(flexgen.read(name), "viscous"),
+        hysteretic(name),
+        hysteretic(name, 1.2 * ARCMIN),
+    ]
     solved = [flexgen.solve(model, progress=False) for model in models]
     assert [solution.status for solution in solved] == ["solved"] * 3
     return [solution.trajectory for solution in solved]
@@ -72,7 +76,9 @@ def test_a_robot_without_hysteresis_does_not_follow_the_torques_for_one() -> Non
         ),
     ],
 )
-def test_mujoco_with_several_elements_follows_the_path(name: str, elements: Sequence[Element]) -> None:
+def test_mujoco_with_several_elements_follows_the_path(
+    name: str, elements: Sequence[Element]
+) -> None:
     """Three elements of 1 arcmin in all, with Dahl's law and others; lost motions that are 20 % too large."""
     models = [with_elements(name, elements, factor) for factor in (1.0, 1.2)]
     found = [flexgen.solve(model, progress=False).trajectory for model in models]
@@ -88,7 +94,11 @@ def test_mujoco_with_a_law_of_another_package_follows_the_path() -> None:
     """Known, and with lost motions that are 20 % too large."""
     found = [flexgen.solve(with_law("elbow", factor), progress=False) for factor in (1.0, 1.2)]
     assert [solution.status for solution in found] == ["solved"] * 2
-    known, wrong = (error_with_elements("elbow", x.trajectory, [LogisticElement(1.0, 0.5)]) for x in found)
-    plain = flexgen.solve(with_friction(flexgen.read("elbow"), "viscous"), progress=False).trajectory
+    known, wrong = (
+        error_with_elements("elbow", x.trajectory, [LogisticElement(1.0, 0.5)]) for x in found
+    )
+    plain = flexgen.solve(
+        with_friction(flexgen.read("elbow"), "viscous"), progress=False
+    ).trajectory
     unknown = error_with_elements("elbow", plain, [LogisticElement(1.0, 0.5)])
     assert known < 1e-10 < 1e-7 < wrong < 1e-6 < 3e-5 < unknown

@@ -50,7 +50,9 @@ def moving_part(motion: Inversion, held: float) -> Inversion:
     speed = np.abs(motion.v_a).max(axis=1)
     n = int(np.flatnonzero(speed > 1e-4 * speed.max())[-1]) + 1
     more = ((0, round(held / PERIOD)), (0, 0))
-    arrays = {key: np.pad(x[:n], more, "edge") for key, x in vars(motion).items() if np.ndim(x) == 2}
+    arrays = {
+        key: np.pad(x[:n], more, "edge") for key, x in vars(motion).items() if np.ndim(x) == 2
+    }
     return replace(motion, **arrays)
 
 
@@ -93,7 +95,9 @@ def test_growth_at_a_constant_state_is_that_of_the_matrix_exponential() -> None:
         product = step @ product
         expected = max(expected, float(np.linalg.norm(product[:n, :n], 2)))
     q, m, zero = np.tile(q_a, (count, 1)), np.tile(q_m, (count, 1)), np.zeros((count, 2))
-    motion = Inversion(q, zero, zero, zero, m, zero, zero, 0, 0, 1.0 / (count - 1), 0.0, 0.0, 0.0, 0, 0, True)
+    motion = Inversion(
+        q, zero, zero, zero, m, zero, zero, 0, 0, 1.0 / (count - 1), 0.0, 0.0, 0.0, 0, 0, True
+    )
     assert expected > 2 and library.growth(motion) == pytest.approx(expected, rel=1e-2)
     for word, changed in (("motion", q), ("tau_m", replace(motion, tau_m=zero[1:]))):
         with pytest.raises(ArgumentError, match=word):
@@ -110,7 +114,14 @@ def at_rest(library: Library) -> dict[str, Any]:
     """Arguments of `invert` for an elbow that stays where it is."""
     y = np.tile(library.forward_kinematics(np.array([0.4, 0.2]))[0][::2], (21, 1))
     zero = np.zeros((21, library.sizes["n_y"]))
-    return {"y": y, "dy": zero, "ddy": zero, "period": 1e-3, "q_start": np.array([0.4, 0.2]), "n_post": 100}
+    return {
+        "y": y,
+        "dy": zero,
+        "ddy": zero,
+        "period": 1e-3,
+        "q_start": np.array([0.4, 0.2]),
+        "n_post": 100,
+    }
 
 
 def test_invert_reports_the_growth_where_it_is_asked_for() -> None:
@@ -120,14 +131,18 @@ def test_invert_reports_the_growth_where_it_is_asked_for() -> None:
     assert motion.growth == library.growth(motion) > 1.01
     limited = library.invert_limited(**given, growth=True, torque_max=np.full(2, 1e4))
     assert limited.growth == pytest.approx(motion.growth, rel=1e-9) and not limited.limits_active
-    assert np.isnan(library.invert(**given).growth) and np.isnan(library.invert_limited(**given).growth)
+    assert np.isnan(library.invert(**given).growth) and np.isnan(
+        library.invert_limited(**given).growth
+    )
     ended = library.invert(**given, growth=True, settled=0.5)
     assert len(ended.q_a) < len(motion.q_a) and ended.growth == library.growth(ended)
     with pytest.raises(ArgumentError, match="growth: given 1, expected True or False"):
         library.invert(**given, growth=1)
 
 
-def test_growth_without_arrays_for_the_motion_is_refused_before_anything_is_solved(monkeypatch: Any) -> None:
+def test_growth_without_arrays_for_the_motion_is_refused_before_anything_is_solved(
+    monkeypatch: Any,
+) -> None:
     library = loaded("elbow")
     inverter, given = library.invert, at_rest(library)
     whole = inverter._results
@@ -146,9 +161,13 @@ def test_growth_of_a_move_is_that_of_a_simulation_with_perturbed_start(name: str
     found = library.growth(motion)
     assert found > 1.2
     whole = moving_part(motion, HELD)
-    assert found == pytest.approx(simulated_growth(library, whole, sides(equations.model)), rel=0.02)
+    assert found == pytest.approx(
+        simulated_growth(library, whole, sides(equations.model)), rel=0.02
+    )
     # samples at rest after the movement do not count
-    longer = {k: np.pad(x, ((0, 500), (0, 0)), "edge") for k, x in vars(motion).items() if np.ndim(x) == 2}
+    longer = {
+        k: np.pad(x, ((0, 500), (0, 0)), "edge") for k, x in vars(motion).items() if np.ndim(x) == 2
+    }
     assert library.growth(replace(motion, **longer)) == pytest.approx(found, rel=1e-3)
 
 

@@ -39,7 +39,9 @@ SHARP = (Element(0.5, 0.6, 20.0, -1.0), Element(0.5, 0.4, 1.5))
 SAME = 1e-9  # relative: second differences of rounded deflections
 
 
-def by_the_stage(model: flexgen.RobotModel, samples: list[np.ndarray], **options: Any) -> MotorMotion:
+def by_the_stage(
+    model: flexgen.RobotModel, samples: list[np.ndarray], **options: Any
+) -> MotorMotion:
     """The motors behind the motion of the arm without hysteresis, which the C gives, by the stage in Python."""
     found = library_of(without_hysteresis(model)).invert(*samples, **options)
     return with_hysteresis(flexgen.derive(model), from_library(found)).motors
@@ -55,24 +57,45 @@ def elbow(kind: str) -> flexgen.RobotModel:
     model = hysteretic("elbow", **made)
     if kind == "cubic":
         table = {"lost_motion": ARCMIN, "stiffness": 1e5}
-        changed = {f"{gear}.hysteresis": table for gear in GEARS.values()} | {f"{GEARS['q1']}.spring": CUBIC}
+        changed = {f"{gear}.hysteresis": table for gear in GEARS.values()} | {
+            f"{GEARS['q1']}.spring": CUBIC
+        }
         return flexgen.read("elbow", overrides=changed)
     if kind.startswith(("bent", "sharp")):
-        undamped = {f"{gear}.damping": 0.0 for gear in GEARS.values()} if kind == "bent undamped" else {}
-        elements = (*SLIPS[:1], *BENT) if kind == "bent and dahl" else BENT if kind.startswith("bent") else SHARP
+        undamped = (
+            {f"{gear}.damping": 0.0 for gear in GEARS.values()} if kind == "bent undamped" else {}
+        )
+        elements = (
+            (*SLIPS[:1], *BENT)
+            if kind == "bent and dahl"
+            else BENT
+            if kind.startswith("bent")
+            else SHARP
+        )
         return with_elements("elbow", elements, **undamped)
     if kind == "of others":
         return with_law("elbow", **{f"{GEARS['q1']}.damping": 0.0})
     if kind.startswith("several"):
-        undamped = {f"{gear}.damping": 0.0 for gear in GEARS.values()} if kind == "several undamped" else {}
+        undamped = (
+            {f"{gear}.damping": 0.0 for gear in GEARS.values()}
+            if kind == "several undamped"
+            else {}
+        )
         return with_elements("elbow", SLIPS, **undamped)
     if kind == "two and one":
         table = {"lost_motion": ARCMIN, "stiffness": 1e5}
         return flexgen.read(
-            "elbow", overrides={f"{GEARS['q1']}.hysteresis": table, f"{GEARS['q2']}.hysteresis": [table, table]}
+            "elbow",
+            overrides={
+                f"{GEARS['q1']}.hysteresis": table,
+                f"{GEARS['q2']}.hysteresis": [table, table],
+            },
         )
     if kind == "one":
-        return flexgen.read("elbow", overrides={f"{GEARS['q2']}.hysteresis": {"lost_motion": ARCMIN, "stiffness": 1e5}})
+        return flexgen.read(
+            "elbow",
+            overrides={f"{GEARS['q2']}.hysteresis": {"lost_motion": ARCMIN, "stiffness": 1e5}},
+        )
     return model
 
 
@@ -82,9 +105,15 @@ def elbow(kind: str) -> flexgen.RobotModel:
         "undamped",
         "several",
         "of others",
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ("damped", "slow", "mixed", "cubic", "one")),
+        *(
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("damped", "slow", "mixed", "cubic", "one")
+        ),
         *(pytest.param(x, marks=pytest.mark.slow) for x in ("several undamped", "two and one")),
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ("bent", "bent undamped", "bent and dahl", "sharp")),
+        *(
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("bent", "bent undamped", "bent and dahl", "sharp")
+        ),
     ],
 )
 def test_whole_paths_are_those_of_the_stage(kind: str) -> None:
@@ -113,7 +142,9 @@ def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(
     found = library_of(model).invert(*samples, **options)
     assert found.converged and difference(found, by_the_stage(model, samples, **options)) < SAME
     path, n = solution.trajectory, len(solution.trajectory.time)
-    channels = dict(path.channels) | {key: getattr(found, key)[:n] for key in ("q_m", "v_m", "tau_m")}
+    channels = dict(path.channels) | {
+        key: getattr(found, key)[:n] for key in ("q_m", "v_m", "tau_m")
+    }
     by_c = flexgen.Trajectory(path.time, channels, path.ports, path.labels, path.meta)
     assert flexgen.simulate(model, by_c, feedback="ppi").tool_error_max_m < 5e-8
 
@@ -142,14 +173,19 @@ def test_the_payload_may_be_a_parameter(tmp_path: Path, kind: str) -> None:
     heavy = replace(model, payload=replace(model.payload, mass=mass))
     chosen = {"parameters": ["payload"], "progress": lambda line: None}
     made = generate_parts(model, tmp_path, functions_of(model), ("invert", "stream"), **chosen)
-    (move, samples), number = path_of(model, 1e-3, still=2 * HORIZON), np.array([mass, *model.payload.com])
+    (move, samples), number = (
+        path_of(model, 1e-3, still=2 * HORIZON),
+        np.array([mass, *model.payload.com]),
+    )
     with flexgen.load(made.directory) as library:
         options = {"period": 1e-3, "q_start": move.q_start}
         found = library.invert(*samples, **options, parameters=number)
         assert difference(found, library_of(heavy).invert(*samples, **options)) < SAME
         torques = streamed(library, samples, move.q_start, 1e-3, parameters=number)
     assert np.abs(torques - found.tau_m[: len(torques)]).max() < 1e-8 * np.abs(found.tau_m).max()
-    with pytest.raises(ArgumentError, match=r"parameters other than those of the payload: given .* has hysteresis"):
+    with pytest.raises(
+        ArgumentError, match=r"parameters other than those of the payload: given .* has hysteresis"
+    ):
         flexgen.derive(model, ["stiffness"])
 
 
@@ -159,10 +195,18 @@ def test_torques_that_are_not_smooth_do_not_end_a_stream(intervals: int) -> None
     model = elbow("undamped" if intervals == 4 else "damped")
     move, (y, dy, ddy) = path_of(model, 5e-3, still=intervals)
     stream = library_of(model).stream(
-        y[0], move.q_start, period=5e-3, intervals=intervals, samples_per_interval=2, hold="zoh", delay=3.5
+        y[0],
+        move.q_start,
+        period=5e-3,
+        intervals=intervals,
+        samples_per_interval=2,
+        hold="zoh",
+        delay=3.5,
     )
     for k in range(1, len(y)):
-        assert np.isfinite(stream.update(y[k], dy[k] * (-1.0) ** k, ddy[k] * (-1.0) ** k).tau_m).all()
+        assert np.isfinite(
+            stream.update(y[k], dy[k] * (-1.0) ** k, ddy[k] * (-1.0) ** k).tau_m
+        ).all()
 
 
 # --- planted errors ---------------------------------------------------------------------------------------------------
@@ -186,11 +230,15 @@ PLANTED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", PLANTED)
-def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str) -> None:
+def test_planted_errors_of_the_c_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str
+) -> None:
     old, new = PLANTED[bug]
     plant_in_c(monkeypatch, "hysteresis.h", old, new)
     model = elbow("bent" if "curve" in bug else "several")
-    made = generate_parts(model, tmp_path, functions_of(model), ("invert", "stream"), progress=lambda line: None)
+    made = generate_parts(
+        model, tmp_path, functions_of(model), ("invert", "stream"), progress=lambda line: None
+    )
     move, samples = path_of(model, 1e-3)
     with flexgen.load(made.directory) as library:
         if bug == "z not carried":
@@ -211,7 +259,11 @@ def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.M
 def test_libraries_without_hysteresis_have_no_trace_of_it() -> None:
     for name, text in clib_files.read_clib().items():
         words = ("HYSTERESIS", "hysteretic", "branches(")
-        assert name == "hysteresis.h" or not any(word in clib_files.render(text, "arm") for word in words)
+        assert name == "hysteresis.h" or not any(
+            word in clib_files.render(text, "arm") for word in words
+        )
     dahl = clib_files.render(clib_files.read_clib()["hysteresis.h"], "arm", parts=["HYSTERESIS"])
     assert "curve" not in dahl and "element_torque" in dahl
-    assert "hysteretic_rows" in clib_files.render(clib_files.read_clib()["whole_path.h"], "arm", parts=["HYSTERESIS"])
+    assert "hysteretic_rows" in clib_files.render(
+        clib_files.read_clib()["whole_path.h"], "arm", parts=["HYSTERESIS"]
+    )

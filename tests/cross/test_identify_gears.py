@@ -12,7 +12,16 @@ import pytest
 from bristled import Bristles, tables
 from gear_records import motor_record, record_in_mujoco, with_noise
 from harmonic import COGGING, ERROR, law_with_sums
-from hysteretic import ARCMIN, SLIPS, Element, Elements, hysteretic, joint_stiffness, law_of_gears, with_lost_motion
+from hysteretic import (
+    ARCMIN,
+    SLIPS,
+    Element,
+    Elements,
+    hysteretic,
+    joint_stiffness,
+    law_of_gears,
+    with_lost_motion,
+)
 from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
@@ -28,14 +37,18 @@ NOISE, CLOSE = 1e-4, 0.05  # rad, motor side; of the true numbers, as demanded
 def hysteretic_record(name: str, seconds: float, **options: Any) -> flexgen.Trajectory:
     """Of a robot whose gears have 1 arcmin of lost motion."""
     pytest.importorskip("mujoco")
-    return record_in_mujoco(name, lambda start: with_lost_motion(name, ARCMIN, start), seconds, **options)
+    return record_in_mujoco(
+        name, lambda start: with_lost_motion(name, ARCMIN, start), seconds, **options
+    )
 
 
 def harmonic_record(seconds: float, **options: Any) -> flexgen.Trajectory:
     """Of planar5_nmp with transmission errors and cogging."""
     pytest.importorskip("mujoco")
     law = law_with_sums("planar5_nmp", ripple=0.0)
-    return record_in_mujoco("planar5_nmp", lambda _: (law, lambda q_g, q_m: None), seconds, **options)
+    return record_in_mujoco(
+        "planar5_nmp", lambda _: (law, lambda q_g, q_m: None), seconds, **options
+    )
 
 
 def model_of(name: str, **overrides: Any) -> flexgen.RobotModel:
@@ -62,7 +75,11 @@ def test_noise_that_hides_a_gear_is_not_a_model_error() -> None:
     record, model = hysteretic_record("elbow", 12.0, step=5e-4), model_of("elbow")
     found = flexgen.identify_gears(model, with_noise(record, 10 * NOISE), progress=False)
     assert found.status in (GearStatus.NOISE, GearStatus.FITTED)
-    wide = {x.name: x for x in found.numbers if found.status is GearStatus.FITTED and x.name.endswith("lost_motion")}
+    wide = {
+        x.name: x
+        for x in found.numbers
+        if found.status is GearStatus.FITTED and x.name.endswith("lost_motion")
+    }
     assert all(abs(number.value - ARCMIN) < 3 * number.sd for number in wide.values())
     found = flexgen.identify_gears(model, with_noise(record, NOISE), progress=False)
     assert found.status is GearStatus.FITTED
@@ -73,7 +90,9 @@ def test_noise_that_hides_a_gear_is_not_a_model_error() -> None:
 
 
 @pytest.mark.slow
-def test_twelve_seconds_without_noise_give_the_loop(short: flexgen.Trajectory, tmp_path: Path) -> None:
+def test_twelve_seconds_without_noise_give_the_loop(
+    short: flexgen.Trajectory, tmp_path: Path
+) -> None:
     found = flexgen.identify_gears(model_of("planar5_nmp"), short, progress=False)
     check_hysteresis(found)
     assert found.values["q1.stiffness"] == pytest.approx(4e5, rel=2e-3)
@@ -90,12 +109,20 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
     """The transmission error of the elastic gear alone, from the closed loop of such a robot."""
     rigid = {"element.fore.dof.q2.gear": {"type": "rigid"}}
     error = {"element.upper.dof.q1.gear.transmission_error": {"harmonics": [1], "sin": [4e-5]}}
-    record = flexgen.control(model_of("elbow", **rigid, **error), sample_time=1e-3, progress=False).trajectory()
-    found = flexgen.identify_gears(model_of("elbow", **rigid), record, hysteresis=False, harmonics=[1], progress=False)
+    record = flexgen.control(
+        model_of("elbow", **rigid, **error), sample_time=1e-3, progress=False
+    ).trajectory()
+    found = flexgen.identify_gears(
+        model_of("elbow", **rigid), record, hysteresis=False, harmonics=[1], progress=False
+    )
     assert found.values["q1.transmission_error.sin_1"] == pytest.approx(4e-5, rel=1e-2)
     assert not any(name.startswith("q2") for name in found.values)
-    figures = {name: found.values[f"q1.{name}"] for name in ("stiffness", "transmission_error.sin_1")}
-    check_numbers("gear_error", 1e-2, figures=figures, unexplained=found.unexplained, band_hz=found.band_hz)
+    figures = {
+        name: found.values[f"q1.{name}"] for name in ("stiffness", "transmission_error.sin_1")
+    }
+    check_numbers(
+        "gear_error", 1e-2, figures=figures, unexplained=found.unexplained, band_hz=found.band_hz
+    )
 
 
 @pytest.mark.slow
@@ -104,7 +131,9 @@ def test_quiet_torques_of_a_tree_give_springs_within_their_deviations() -> None:
     pytest.importorskip("mujoco")
     none = (lambda q_g, v_g, q_m, v_m, tau: (0.0 * q_g, 0.0 * q_m, tau), lambda q_g, q_m: None)
     record = with_noise(record_in_mujoco("two_arm", lambda _: none, 40.0), 1e-5)
-    found = flexgen.identify_gears(model_of("two_arm"), record, joints=["r1", "l2"], hysteresis=False, progress=False)
+    found = flexgen.identify_gears(
+        model_of("two_arm"), record, joints=["r1", "l2"], hysteresis=False, progress=False
+    )
     assert found.status is GearStatus.FITTED and found.sd is not None
     true = {"r1.stiffness": 1e5, "r1.damping": 60.0, "l2.stiffness": 5e4, "l2.damping": 30.0}
     for name, value in true.items():
@@ -124,7 +153,9 @@ def record_of_elements(elements: Sequence[Element], seconds: float) -> flexgen.T
 def test_elements_are_found_one_by_one(tmp_path: Path) -> None:
     """Each within 1 %, their sums within 0.2 %, and written as a list of tables."""
     record = record_of_elements(SLIPS, 9.0)
-    found = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], elements=3, progress=False)
+    found = flexgen.identify_gears(
+        model_of("planar5_nmp"), record, joints=["q1"], elements=3, progress=False
+    )
     assert found.status is GearStatus.FITTED, str(found)
     assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=2e-3)
     assert found.values["q1.hysteresis.stiffness"] == pytest.approx(4e5, rel=2e-3)
@@ -139,11 +170,16 @@ def test_elements_are_found_one_by_one(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_an_exponent_is_found_and_dahls_law_is_a_model_error_there() -> None:
     record = record_of_elements([Element(1.0, 0.7, 6.0)], 8.0)
-    found = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], exponents=True, progress=False)
+    found = flexgen.identify_gears(
+        model_of("planar5_nmp"), record, joints=["q1"], exponents=True, progress=False
+    )
     assert found.status is GearStatus.FITTED, str(found)
     assert found.values["q1.hysteresis.exponent"] == pytest.approx(6.0, rel=1e-2)
     assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=2e-3)
-    assert found.changes["element.arm1.dof.q1.gear.hysteresis"]["exponent"] == found.values["q1.hysteresis.exponent"]
+    assert (
+        found.changes["element.arm1.dof.q1.gear.hysteresis"]["exponent"]
+        == found.values["q1.hysteresis.exponent"]
+    )
     planted = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], progress=False)
     assert planted.status is GearStatus.MODEL_ERROR
 
@@ -156,7 +192,9 @@ def test_two_elements_for_three_are_a_model_error(elements: int, seed: int) -> N
         "planar5_nmp", Elements(SLIPS, joint_stiffness(flexgen.read("planar5_nmp")), start)
     )
     record = with_noise(record_in_mujoco("planar5_nmp", made, 20.0, step=5e-4, seed=7), NOISE, seed)
-    found = flexgen.identify_gears(model_of("planar5_nmp"), record, elements=elements, progress=False)
+    found = flexgen.identify_gears(
+        model_of("planar5_nmp"), record, elements=elements, progress=False
+    )
     if elements == 2:
         assert found.status is GearStatus.MODEL_ERROR and found.lacking == ("q1",)
         assert "q1. Fit one element more" in found.problem and set(found.sd.values()) == {None}
@@ -168,7 +206,9 @@ def test_two_elements_for_three_are_a_model_error(elements: int, seed: int) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", [20.0, *(pytest.param(x, marks=pytest.mark.full) for x in (30.0, 60.0))])
+@pytest.mark.parametrize(
+    "seconds", [20.0, *(pytest.param(x, marks=pytest.mark.full) for x in (30.0, 60.0))]
+)
 def test_a_record_with_noise_gives_the_loop(seconds: float) -> None:
     record = with_noise(hysteretic_record("planar5_nmp", seconds, step=5e-4), NOISE)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
@@ -184,7 +224,9 @@ def test_noise_in_the_loop_of_the_drives_leaves_the_loop_of_the_gears() -> None:
 def sticking_record(seconds: float) -> flexgen.Trajectory:
     """Of planar5_nmp with 1 arcmin of lost motion, whose motors stick within 1e-3 rad at a Coulomb friction."""
     pytest.importorskip("mujoco")
-    numbers = {motor: row | {"static": row["coulomb"]} for motor, row in tables("planar5_nmp", 0.3).items()}
+    numbers = {
+        motor: row | {"static": row["coulomb"]} for motor, row in tables("planar5_nmp", 0.3).items()
+    }
 
     def made(start: np.ndarray) -> tuple[Any, Any]:
         law, kept = with_lost_motion("planar5_nmp", ARCMIN, start)
@@ -225,7 +267,9 @@ def test_a_third_of_a_minute_with_noise_gives_the_harmonics() -> None:
     given = {"harmonics": ERROR["harmonics"], "cogging": COGGING["harmonics"]}
     found = flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False, **given)
     assert found.status is GearStatus.FITTED, str(found)
-    sums = {f"{q}.transmission_error": ERROR for q in ("q1", "q2")} | {f"{m}.cogging": COGGING for m in ("m1", "m2")}
+    sums = {f"{q}.transmission_error": ERROR for q in ("q1", "q2")} | {
+        f"{m}.cogging": COGGING for m in ("m1", "m2")
+    }
     for name, table in sums.items():
         for part in ("cos", "sin"):
             for k, value in zip(table["harmonics"], table[part], strict=True):
@@ -263,11 +307,24 @@ def test_a_planted_gear_whose_motor_does_not_feel_it_is_a_model_error() -> None:
 
 @pytest.mark.slow
 def test_the_command_writes_a_model(
-    short: flexgen.Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    short: flexgen.Trajectory,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     short.save("record.csv")
-    words = ["identify-gears", "planar5_nmp", "record.csv", "--joints", "q1", "--out", "arm.toml", "--report", "page"]
+    words = [
+        "identify-gears",
+        "planar5_nmp",
+        "record.csv",
+        "--joints",
+        "q1",
+        "--out",
+        "arm.toml",
+        "--report",
+        "page",
+    ]
     assert main([*words, "--free", "q1.stiffness,q1.damping", "--json", "--quiet"]) in (0, 1)
     out = json.loads(capsys.readouterr().out)
     assert out["status"] == "model error"  # q2 has a hysteresis that is not fitted
@@ -278,7 +335,9 @@ def test_the_command_writes_a_model(
 def test_what_cannot_be_used_is_refused(short: flexgen.Trajectory) -> None:
     model, n = model_of("planar5_nmp"), len(short.time)
     few = motor_record(model, short.time[:200], short["q_m"][:200], short["tau_m"][:200])
-    uneven = motor_record(model, np.sort(short.time + 3e-4 * np.sin(np.arange(n))), short["q_m"], short["tau_m"])
+    uneven = motor_record(
+        model, np.sort(short.time + 3e-4 * np.sin(np.arange(n))), short["q_m"], short["tau_m"]
+    )
     still = motor_record(model, short.time, short["q_m"] * [1.0, 0.0], short["tau_m"])
     for record, text in (
         (few, r"given 0.199 s, expected at least"),
@@ -289,7 +348,10 @@ def test_what_cannot_be_used_is_refused(short: flexgen.Trajectory) -> None:
             flexgen.identify_gears(model, record, progress=False)
     for given, text in (
         ({"joints": ["q3"]}, r"joints: given \['q3'\], expected some of q1, q2"),
-        ({"harmonics": [0]}, r"harmonics: given \[0\], expected at most 64 different whole numbers from 1 to 1000"),
+        (
+            {"harmonics": [0]},
+            r"harmonics: given \[0\], expected at most 64 different whole numbers from 1 to 1000",
+        ),
         ({"harmonics": [2, 2]}, "harmonics: given"),
         ({"cogging": [1.5]}, "cogging: given"),
         ({"elements": 0}, "elements: given 0, expected a whole number from 1 to 8"),
@@ -299,7 +361,9 @@ def test_what_cannot_be_used_is_refused(short: flexgen.Trajectory) -> None:
         with pytest.raises(flexgen.ArgumentError, match=text):
             flexgen.identify_gears(model, short, progress=False, **given)
     both = hysteretic("planar5_nmp")
-    with pytest.raises(flexgen.ArgumentError, match="given a fit without that of q1, which planar5_nmp has"):
+    with pytest.raises(
+        flexgen.ArgumentError, match="given a fit without that of q1, which planar5_nmp has"
+    ):
         flexgen.identify_gears(both, short, joints=["q2"], progress=False)
     with pytest.raises(flexgen.ArgumentError, match="given a fit without that of q1, q2"):
         flexgen.identify_gears(both, short, hysteresis=False, progress=False)

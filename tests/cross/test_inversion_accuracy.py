@@ -19,7 +19,14 @@ from flexgen.trajectory import Trajectory
 PLANAR = 1e-7  # m
 SIX_AXES = 1e-6  # m and rad
 
-planar = ["planar5_mp", "planar5_nmp", "planar5_soft", "planar5_family", "planar5_family@l_510", "planar5_family@l_490"]
+planar = [
+    "planar5_mp",
+    "planar5_nmp",
+    "planar5_soft",
+    "planar5_family",
+    "planar5_family@l_510",
+    "planar5_family@l_490",
+]
 
 
 @pytest.mark.parametrize("name", planar)

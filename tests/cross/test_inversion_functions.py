@@ -33,16 +33,29 @@ DIFFERENCES, STEP = 1e-6, 1e-6
 
 @cache
 def equations_of(name: str) -> Equations:
-    return derive(read(Path(__file__).parents[1] / "support" / "robots" / f"{name}.toml" if name in ROBOTS else name))
+    return derive(
+        read(
+            Path(__file__).parents[1] / "support" / "robots" / f"{name}.toml"
+            if name in ROBOTS
+            else name
+        )
+    )
 
 
-INVERTING = [*(name for name in model_names() if shipped(name).inversion_obstacle() is None), "ur5_elastic"]
+INVERTING = [
+    *(name for name in model_names() if shipped(name).inversion_obstacle() is None),
+    "ur5_elastic",
+]
 
 
 def state(model: RobotModel, seed: int = 1) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     out = {name: rng.uniform(-1.0, 1.0, model.n_a) for name in ("q_a", "v_a", "a_a")}
-    return {**out, "target": rng.uniform(-1.0, 1.0, model.output.target_size), "deflection": rng.normal(size=model.n_g)}
+    return {
+        **out,
+        "target": rng.uniform(-1.0, 1.0, model.output.target_size),
+        "deflection": rng.normal(size=model.n_g),
+    }
 
 
 def values(function, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -128,9 +141,15 @@ def test_the_constraint_is_the_output(name):
     assert np.abs(here["y_err"]).max() < EXACT
     for i in range(model.n_a):
         step = STEP * np.eye(model.n_a)[i]
-        ends = [values(constraint, {**given, "q_a": given["q_a"] + sign * step})["y_err"] for sign in (1.0, -1.0)]
+        ends = [
+            values(constraint, {**given, "q_a": given["q_a"] + sign * step})["y_err"]
+            for sign in (1.0, -1.0)
+        ]
         assert np.abs((ends[0] - ends[1])[:, 0] / (2 * STEP) - here["W"][:, i]).max() < DIFFERENCES
-    ends = [values(constraint, {**given, "q_a": given["q_a"] + sign * STEP * given["v_a"]}) for sign in (1.0, -1.0)]
+    ends = [
+        values(constraint, {**given, "q_a": given["q_a"] + sign * STEP * given["v_a"]})
+        for sign in (1.0, -1.0)
+    ]
     change = (ends[0]["W"] - ends[1]["W"]) @ given["v_a"] / (2 * STEP)
     assert np.abs(change - here["Wdot_v"][:, 0]).max() < DIFFERENCES
 
@@ -147,9 +166,16 @@ def test_the_rows_are_the_equations_of_motion(name):
     elastic = np.array([j in model.i_m for j in range(model.n_m)])
     if elastic.all():
         gears = values(equations.function("gear_torque"), given)["tau_g"][:, 0]
-        assert np.allclose(left[list(model.i_g)], rows["tau_g"][:, 0] - gears, rtol=0, atol=EXACT * np.abs(left).max())
+        assert np.allclose(
+            left[list(model.i_g)],
+            rows["tau_g"][:, 0] - gears,
+            rtol=0,
+            atol=EXACT * np.abs(left).max(),
+        )
     if model.n_e:
-        assert np.allclose(left[list(model.i_e)], rows["row"][:, 0], rtol=0, atol=EXACT * np.abs(left).max())
+        assert np.allclose(
+            left[list(model.i_e)], rows["row"][:, 0], rtol=0, atol=EXACT * np.abs(left).max()
+        )
 
 
 def test_the_gear_law_is_that_of_the_springs():
@@ -157,17 +183,25 @@ def test_the_gear_law_is_that_of_the_springs():
     rng, n_g = np.random.default_rng(3), equations.model.n_g
     given = {"deflection": 1e-3 * rng.normal(size=n_g)}
     law = values(equations.function("gear_law"), given)
-    state_of = {"q_a": np.zeros(equations.model.n_a), "v_a": np.zeros(equations.model.n_a), "v_m": np.zeros(n_g)}
-    torque = values(equations.function("gear_torque"), state_of | {"q_m": equations.model.eta @ given["deflection"]})[
-        "tau_g"
-    ]
+    state_of = {
+        "q_a": np.zeros(equations.model.n_a),
+        "v_a": np.zeros(equations.model.n_a),
+        "v_m": np.zeros(n_g),
+    }
+    torque = values(
+        equations.function("gear_torque"),
+        state_of | {"q_m": equations.model.eta @ given["deflection"]},
+    )["tau_g"]
     assert np.allclose(law["tau_p"], torque, rtol=1e-13, atol=0)
     step = 1e-7
     sides = [
-        values(equations.function("gear_law"), {"deflection": given["deflection"] + h})["tau_p"] for h in (step, -step)
+        values(equations.function("gear_law"), {"deflection": given["deflection"] + h})["tau_p"]
+        for h in (step, -step)
     ]
     assert np.allclose(law["dtau_p"], (sides[0] - sides[1]) / (2 * step), rtol=1e-6, atol=0)
-    rigid = values(equations_of("ur5_elastic").function("gear_law"), state(equations_of("ur5_elastic").model))
+    rigid = values(
+        equations_of("ur5_elastic").function("gear_law"), state(equations_of("ur5_elastic").model)
+    )
     assert not rigid["tau_p"].any() and not rigid["dtau_p"].any()
 
 
@@ -197,7 +231,10 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
         return inputs, names, outputs, ports
 
     monkeypatch.setattr(by_recursion, "derivative_ports", without)
-    assert disagreement(values(recursive_function(equations, "inversion_jacobians"), given), expected) > 1e-3
+    assert (
+        disagreement(values(recursive_function(equations, "inversion_jacobians"), given), expected)
+        > 1e-3
+    )
 
 
 # --- where they exist--------------------------------------------------------------------------------------------------
@@ -216,18 +253,30 @@ def test_models_have_the_functions_that_their_structure_allows():
         name for name in FUNCTIONS if not name.startswith(("sensor", "motor_harm", "loaded"))
     ]  # of arms with elastic joints
     assert offered_functions(read("planar5_nmp")) == (*plain, *INVERSION)
-    assert offered_functions(read("elbow")) == tuple(name for name in elastic if name != "inversion_jacobians")
+    assert offered_functions(read("elbow")) == tuple(
+        name for name in elastic if name != "inversion_jacobians"
+    )
     sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}
-    measured = tuple(name for name in FUNCTIONS if not name.startswith(("flexible", "motor_harm", "loaded")))
+    measured = tuple(
+        name for name in FUNCTIONS if not name.startswith(("flexible", "motor_harm", "loaded"))
+    )
     assert offered_functions(read("planar5_nmp", overrides={"sensor": [sensor]})) == measured
     assert offered_functions(complete(read("planar5_nmp"))) == plain
     one = read("planar5_nmp")
     fewer = dataclasses.replace(one, output=dataclasses.replace(one.output, axes="x"))
     assert fewer.inversion_obstacle() == fewer.inversion_obstacle(any_coupling=True) is not None
-    assert complete(one).inversion_obstacle(any_coupling=True) is None and one.inversion_obstacle() is None
-    assert "given motor_coupling 'complete', expected 'simplified'" in complete(one).inversion_obstacle()
+    assert (
+        complete(one).inversion_obstacle(any_coupling=True) is None
+        and one.inversion_obstacle() is None
+    )
+    assert (
+        "given motor_coupling 'complete', expected 'simplified'"
+        in complete(one).inversion_obstacle()
+    )
     assert offered_functions(fewer) == plain
-    with pytest.raises(ArgumentError, match=r"gear_law.*given outputs 1, motors 2, expected as many"):
+    with pytest.raises(
+        ArgumentError, match=r"gear_law.*given outputs 1, motors 2, expected as many"
+    ):
         choose_functions(["gear_law"], fewer)
     with pytest.raises(ArgumentError, match="coordinates without motor"):
         choose_functions(["inversion_jacobians"], read("elbow"))
@@ -254,7 +303,9 @@ def test_sizes_and_units():
 def test_run_time_parameters_are_arguments(names):
     equations = derive("planar5_nmp", names)
     spec = library_spec(equations)
-    assert "parameters" in [a.name for f in spec.c_functions if f.name == "invert" for a in f.arguments]
+    assert "parameters" in [
+        a.name for f in spec.c_functions if f.name == "invert" for a in f.arguments
+    ]
     numbers = np.array([parameter.value for parameter in equations.parameters])
     given = {**state(equations.model), "parameters": 1.3 * numbers, "v_m": np.ones(2)}
     for name in (*MADE_OF_TAPES, "gear_law", "motor_friction"):
@@ -262,7 +313,10 @@ def test_run_time_parameters_are_arguments(names):
         if fast is not None:
             assert disagreement(values(fast, given), values(slow, given)) <= EXACT, name
     takes = {f.name for f in spec.functions if any(p.name == "parameters" for p in f.inputs)}
-    expected = {"payload": {"inversion_jacobians", "inversion_rows", "gear_law"}, "friction": {"inversion_jacobians"}}
+    expected = {
+        "payload": {"inversion_jacobians", "inversion_rows", "gear_law"},
+        "friction": {"inversion_jacobians"},
+    }
     assert expected[names[0]] <= takes
 
 
@@ -299,7 +353,13 @@ def test_motor_constants_are_those_of_the_model():
 def test_models_have_the_hand_written_functions_of_their_structure(tmp_path):
     equations = derive("planar5_nmp")
     named = [function.name for function in library_spec(equations).c_functions]
-    assert {"inversion_defaults", "invert_work", "invert", "stream_defaults", "stream_update"} <= set(named)
+    assert {
+        "inversion_defaults",
+        "invert_work",
+        "invert",
+        "stream_defaults",
+        "stream_update",
+    } <= set(named)
     assert library_spec(equations, INVERSION).c_functions
     assert not library_spec(equations, ["gravity"]).c_functions
     single = [function.name for function in library_spec(equations, precision="single").c_functions]

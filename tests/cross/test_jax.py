@@ -17,7 +17,11 @@ jnp = jax.numpy
 CASES = [
     pytest.param(("elbow", ("gravity", "mass_matrix"), (), "double"), id="elbow"),
     pytest.param(("planar5_nmp", None, (), "double"), id="planar5_nmp", marks=pytest.mark.slow),
-    pytest.param(("elbow", None, ("stiffness", "payload"), "double"), id="elbow-parameters", marks=pytest.mark.slow),
+    pytest.param(
+        ("elbow", None, ("stiffness", "payload"), "double"),
+        id="elbow-parameters",
+        marks=pytest.mark.slow,
+    ),
 ]
 
 
@@ -38,7 +42,10 @@ def flat(result) -> list[np.ndarray]:
 
 
 def equal(one, other) -> bool:
-    return all(np.array_equal(a, b) and a.dtype == b.dtype for a, b in zip(flat(one), flat(other), strict=True))
+    return all(
+        np.array_equal(a, b) and a.dtype == b.dtype
+        for a, b in zip(flat(one), flat(other), strict=True)
+    )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -55,7 +62,10 @@ def test_results_have_the_bits_of_the_library(case) -> None:
         assert equal(f(*many), expected), name
         shared = [0 if x.ndim > len(p.shape) else None for x, p in zip(many, inputs, strict=True)]
         assert equal(jax.vmap(f, shared)(*many), expected), name
-        folded = [x.reshape(20, 15, *p.shape) if a == 0 else x for x, a, p in zip(many, shared, inputs, strict=True)]
+        folded = [
+            x.reshape(20, 15, *p.shape) if a == 0 else x
+            for x, a, p in zip(many, shared, inputs, strict=True)
+        ]
         nested = flat(jax.jit(jax.vmap(jax.vmap(f, shared), shared))(*folded))
         for x, y in zip(nested, flat(expected), strict=True):
             assert np.array_equal(x.reshape(y.shape), y), name
@@ -80,7 +90,10 @@ def jacobians(case, name: str, x: list[np.ndarray]):
     """Of all results in all inputs, forward and in reverse, which must agree."""
     f = getattr(pair(case)[1], name)
     at = tuple(range(len(x)))
-    forward, back = (jax.jit(kind(lambda *x: flat_results(f(*x)), argnums=at))(*x) for kind in (jax.jacfwd, jax.jacrev))
+    forward, back = (
+        jax.jit(kind(lambda *x: flat_results(f(*x)), argnums=at))(*x)
+        for kind in (jax.jacfwd, jax.jacrev)
+    )
     for one, other in zip(forward, back, strict=True):
         size = np.abs(one).max() if one.size else 0.0
         assert np.abs(one - other).max() <= 1e-12 * size, name
@@ -88,7 +101,9 @@ def jacobians(case, name: str, x: list[np.ndarray]):
 
 
 def flat_results(result):
-    return jnp.concatenate([x.ravel() for x in (result if isinstance(result, tuple) else (result,))])
+    return jnp.concatenate(
+        [x.ravel() for x in (result if isinstance(result, tuple) else (result,))]
+    )
 
 
 @pytest.mark.slow
@@ -121,14 +136,18 @@ def test_gradients_in_batches_are_sums_over_what_the_points_share() -> None:
     by_p, by_q = jax.jit(jax.grad(loss, argnums=(0, 1)))(p, *x[:2])
     sums, rows = np.zeros_like(p), []
     for k in range(40):
-        back = robot.forward_dynamics_vjp(*(y[k] for y in x), w[k], np.zeros(robot.sizes["n_m"]), parameters=p)
+        back = robot.forward_dynamics_vjp(
+            *(y[k] for y in x), w[k], np.zeros(robot.sizes["n_m"]), parameters=p
+        )
         sums += back.parameters_cotangent
         rows.append(back.q_a_cotangent)
     assert np.abs(by_p - sums).max() <= 1e-13 * np.abs(sums).max() and np.array_equal(by_q, rows)
     each = jnp.tile(p, (40, 1)) * jnp.linspace(0.9, 1.1, 40)[:, None]
     found = jax.jit(made.forward_dynamics)(*x, each)
     for k in range(40):
-        assert np.array_equal(found.a_a[k], robot.forward_dynamics(*(y[k] for y in x), np.asarray(each[k])).a_a)
+        assert np.array_equal(
+            found.a_a[k], robot.forward_dynamics(*(y[k] for y in x), np.asarray(each[k])).a_a
+        )
 
 
 @pytest.mark.slow
@@ -193,14 +212,25 @@ def test_wrong_calls_are_refused_with_the_reason() -> None:
     for call, reason in (
         (lambda: made.gravity(np.zeros(3)), r"gravity, q_a: given shape \(3,\), expected \(2,\)"),
         (lambda: made.gravity(), "gravity: given 0 arguments, expected q_a"),
-        (lambda: made.gravity(object()), "gravity, q_a: given object, expected an array of numbers"),
+        (
+            lambda: made.gravity(object()),
+            "gravity, q_a: given object, expected an array of numbers",
+        ),
         (lambda: made.gravity(np.zeros(2) * 1j), "real numbers"),
-        (lambda: jax.hessian(lambda q: made.gravity(q).sum())(np.zeros(2)), "flexgen has no second derivatives"),
-        (lambda: jax.jacfwd(jax.jacfwd(made.gravity))(np.zeros(2)), "flexgen has no second derivatives"),
+        (
+            lambda: jax.hessian(lambda q: made.gravity(q).sum())(np.zeros(2)),
+            "flexgen has no second derivatives",
+        ),
+        (
+            lambda: jax.jacfwd(jax.jacfwd(made.gravity))(np.zeros(2)),
+            "flexgen has no second derivatives",
+        ),
     ):
         with pytest.raises(ArgumentError, match=reason):
             call()
-    with pytest.raises(AttributeError, match="given 'bias', expected one of the library's functions: mass_matrix"):
+    with pytest.raises(
+        AttributeError, match="given 'bias', expected one of the library's functions: mass_matrix"
+    ):
         made.bias  # noqa: B018
 
 
@@ -208,7 +238,8 @@ def test_a_library_without_derivatives_says_what_to_generate() -> None:
     robot = library("elbow", ("gravity", "inverse_dynamics_derivatives"), (), "double", ())
     made = flexgen.jax.functions(robot)
     with pytest.raises(
-        ArgumentError, match=r"without gravity_jvp.*parts=\['derivatives'\].*'gravity_jvp', 'gravity_vjp'"
+        ArgumentError,
+        match=r"without gravity_jvp.*parts=\['derivatives'\].*'gravity_jvp', 'gravity_vjp'",
     ):
         jax.grad(lambda q: made.gravity(q).sum())(np.zeros(2))
     with pytest.raises(ArgumentError, match="a function that is a derivative itself"):
@@ -242,5 +273,7 @@ def test_the_optional_part_adds_products_of_the_chosen_functions_only() -> None:
         *("gravity", "linearize", "gravity_jvp", "gravity_vjp"),
     )
     assert choose_functions(["gravity"], model, ["bvp"]) == ("gravity",)
-    with pytest.raises(ArgumentError, match="with the functions linearize, expected one that is not a derivative"):
+    with pytest.raises(
+        ArgumentError, match="with the functions linearize, expected one that is not a derivative"
+    ):
         choose_functions(["linearize"], model, ["derivatives"])

@@ -39,18 +39,29 @@ class Drive:
 
 def drive(kind: str, name: str) -> Drive:
     if kind == "hysteresis":
-        return Drive(hysteretic.hysteretic(name), lambda path: hysteretic.error_in_mujoco(name, path, ARCMIN))
+        return Drive(
+            hysteretic.hysteretic(name), lambda path: hysteretic.error_in_mujoco(name, path, ARCMIN)
+        )
     if kind == "lugre":
         tables = bristled.tables(name)
-        return Drive(bristled.bristled(name, tables), lambda path: bristled.error_in_mujoco(name, path, tables))
+        return Drive(
+            bristled.bristled(name, tables),
+            lambda path: bristled.error_in_mujoco(name, path, tables),
+        )
     if kind == "load":
-        return Drive(gear_friction.loaded(name), lambda path: gear_friction.error_in_mujoco(name, path))
-    return Drive(harmonic.harmonic(name, SIZE), lambda path: harmonic.error_in_mujoco(name, path, SIZE))
+        return Drive(
+            gear_friction.loaded(name), lambda path: gear_friction.error_in_mujoco(name, path)
+        )
+    return Drive(
+        harmonic.harmonic(name, SIZE), lambda path: harmonic.error_in_mujoco(name, path, SIZE)
+    )
 
 
 def planned(robot: flexgen.RobotModel, path: Trajectory) -> Trajectory:
     """The trajectory with the output of its own motion in place of the reference."""
-    y = evaluate(flexgen.derive(robot).function("output"), path["q_a"])[0].reshape(len(path.time), -1)
+    y = evaluate(flexgen.derive(robot).function("output"), path["q_a"])[0].reshape(
+        len(path.time), -1
+    )
     return replace(path, channels={**path.channels, "y_ref": y})
 
 
@@ -70,7 +81,10 @@ def use(solution: flexgen.Solution, bounds: flexgen.Limits) -> float:
         ("lugre", "elbow"),
         ("load", "elbow"),
         ("harmonics", "planar5_nmp"),
-        *(pytest.param(kind, "planar5_nmp", marks=pytest.mark.full) for kind in ("hysteresis", "lugre", "load")),
+        *(
+            pytest.param(kind, "planar5_nmp", marks=pytest.mark.full)
+            for kind in ("hysteresis", "lugre", "load")
+        ),
     ],
 )
 def test_limits_are_kept_and_mujoco_follows_the_modified_path(kind: str, name: str) -> None:
@@ -84,7 +98,9 @@ def test_limits_are_kept_and_mujoco_follows_the_modified_path(kind: str, name: s
 
 
 @pytest.mark.parametrize(("kind", "name"), [("hysteresis", "planar5_nmp"), ("lugre", "elbow")])
-def test_limits_of_torques_without_memory_are_exceeded(kind: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_of_torques_without_memory_are_exceeded(
+    kind: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Planted: the modified path is that of a robot without the memory."""
     one, made = drive(kind, name), limits.inversion_library
     bounds = lowered(one.robot)
@@ -95,7 +111,9 @@ def test_limits_of_torques_without_memory_are_exceeded(kind: str, name: str, mon
 
 
 def test_limits_that_are_not_active_leave_the_path() -> None:
-    found = flexgen.solve(hysteretic.hysteretic("elbow"), limits=flexgen.Limits(torque=(1e4, 1e4)), progress=False)
+    found = flexgen.solve(
+        hysteretic.hysteretic("elbow"), limits=flexgen.Limits(torque=(1e4, 1e4)), progress=False
+    )
     assert found.status == "solved" and found.path_distance_max_m is None
     assert "deviation_max_m" not in found.details and found.trajectory.channels["tau_h"].any()
 
@@ -118,7 +136,10 @@ def test_limits_under_a_force(monkeypatch: pytest.MonkeyPatch) -> None:
     ("kind", "name"),
     [
         ("hysteresis", "planar5_nmp"),
-        *(pytest.param(kind, "planar5_nmp", marks=pytest.mark.full) for kind in ("lugre", "load", "harmonics")),
+        *(
+            pytest.param(kind, "planar5_nmp", marks=pytest.mark.full)
+            for kind in ("lugre", "load", "harmonics")
+        ),
     ],
 )
 def test_the_fastest_motion_keeps_the_limits_and_mujoco_follows_it(
@@ -131,7 +152,9 @@ def test_the_fastest_motion_keeps_the_limits_and_mujoco_follows_it(
     assert 1 - 5e-3 < use(quick.solution, quick.limits) < 1 + 5e-4
     assert one.error(quick.solution.trajectory) < KNOWN
     if kind in ("hysteresis", "lugre"):
-        monkeypatch.setattr(time_search, "inversion_library", lambda *x, memory, **more: made(*x, **more))
+        monkeypatch.setattr(
+            time_search, "inversion_library", lambda *x, memory, **more: made(*x, **more)
+        )
         monkeypatch.setattr(minimum_time, "_excesses", lambda *_: np.array([-1.0]))
         wrong = flexgen.fastest(one.robot, coefficients=4, progress=False)
         assert use(wrong.solution, wrong.limits) > 1 + 1e-2
@@ -142,7 +165,9 @@ def test_a_program_of_gears_with_hysteresis_keeps_the_limits() -> None:
     robot = hysteretic.hysteretic("planar5_nmp")
     steps = (flexgen.MoveL((-0.12, 0.0, 0.0), pause=0.1), flexgen.MoveL((0.0, 0.12, 0.0)))
     tool, joints = (0.4, 2.0, 30.0, 600.0), (1.0, 5.0, 60.0, 900.0)
-    program = flexgen.Program("two", start=(0.3, -1.1), smoothness=5, steps=steps, profile=tool, joint_profile=joints)
+    program = flexgen.Program(
+        "two", start=(0.3, -1.1), smoothness=5, steps=steps, profile=tool, joint_profile=joints
+    )
     quick = flexgen.fastest(robot, program, coefficients=4, progress=False)
     assert quick.solution.status == "solved" and quick.duration_s < quick.default_s
     assert use(quick.solution, quick.limits) < 1 + 5e-4

@@ -38,7 +38,9 @@ def plain() -> flexgen.Solution:
 def error_of(run: flexgen.ControlRun, name: str = "nominal") -> float:
     """Largest tool error [m] until 0.1 s after the move, as in MuJoCo."""
     time = run.reference.time
-    return float(run.distance(run[name])[(time >= 0.0) & (time <= run.reference.end + 0.1 + 1e-9)].max())
+    return float(
+        run.distance(run[name])[(time >= 0.0) & (time <= run.reference.end + 0.1 + 1e-9)].max()
+    )
 
 
 def times(factor: float, function: Any) -> Any:
@@ -75,7 +77,8 @@ def test_several_elements_have_the_errors_of_mujoco(plain: flexgen.Solution) -> 
 
 
 @pytest.mark.parametrize(
-    ("planted", "factor"), [("generalized_force", -1.0), ("deflection_rates", -1.0), ("deflection_rates", 0.9)]
+    ("planted", "factor"),
+    [("generalized_force", -1.0), ("deflection_rates", -1.0), ("deflection_rates", 0.9)],
 )
 def test_planted_errors_of_the_law_are_found(
     planted: str, factor: float, plain: flexgen.Solution, monkeypatch: pytest.MonkeyPatch
@@ -91,13 +94,22 @@ def test_planted_errors_of_the_law_are_found(
 @pytest.mark.slow
 def test_robots_with_other_numbers_are_models_with_these_numbers(plain: flexgen.Solution) -> None:
     """Slip torques follow the springs; a force on the tool and a load act on all."""
-    push = [flexgen.Disturbance("pulse", "tool.x", 300.0, 0.25, 0.02), flexgen.Disturbance("step", "m1", 0.1, 0.1)]
-    changes = {"soft": {"q1.stiffness": 0.8, "q2.lost_motion": 1.5}, "without": {"lost_motion": 0.0, "payload": 1.0}}
+    push = [
+        flexgen.Disturbance("pulse", "tool.x", 300.0, 0.25, 0.02),
+        flexgen.Disturbance("step", "m1", 0.1, 0.1),
+    ]
+    changes = {
+        "soft": {"q1.stiffness": 0.8, "q2.lost_motion": 1.5},
+        "without": {"lost_motion": 0.0, "payload": 1.0},
+    }
     model = hysteretic("elbow")
     options = {"solution": plain, "disturbances": push, "progress": False}
     run = flexgen.control(model, plants=changes, **options)
     options["controller"] = run.law
-    key, stiffness = "element.upper.dof.q1.gear.spring.stiffness", [gear.spring.stiffness for gear, _ in gears(model)]
+    key, stiffness = (
+        "element.upper.dof.q1.gear.spring.stiffness",
+        [gear.spring.stiffness for gear, _ in gears(model)],
+    )
     tables = {"element.upper.dof.q1.gear": (1.0, 0), "element.fore.dof.q2.gear": (1.5, 1)}
     soft = flexgen.read(
         "elbow",
@@ -107,11 +119,14 @@ def test_robots_with_other_numbers_are_models_with_these_numbers(plain: flexgen.
             for gear, (factor, k) in tables.items()
         },
     )
-    assert gear_hysteresis(soft).slip == pytest.approx(gear_hysteresis(model).slip * np.array([0.8, 1.5]))
+    assert gear_hysteresis(soft).slip == pytest.approx(
+        gear_hysteresis(model).slip * np.array([0.8, 1.5])
+    )
     alone = flexgen.control(with_friction(soft, "viscous"), **options)
     assert_allclose(run["soft"].q_a, alone.nominal.q_a, rtol=0, atol=1e-12)
     other = flexgen.control(plain.model, plants={"without": {"payload": 1.0}}, **options)
-    assert_allclose(run["without"].q_a, other["without"].q_a, rtol=0, atol=1e-9)  # recursion, not Lagrange's equations
+    # recursion, not Lagrange's equations
+    assert_allclose(run["without"].q_a, other["without"].q_a, rtol=0, atol=1e-9)
 
 
 def test_the_loop_balances_the_energy(plain: flexgen.Solution) -> None:
@@ -130,7 +145,9 @@ def test_the_loop_balances_the_energy(plain: flexgen.Solution) -> None:
     equations = flexgen.derive(model)
     kinetic, potential = evaluate(equations.function("energy"), q_a, v_a, q_m, v_m)
     _, dissipated = evaluate(equations.function("power"), q_a, v_a, q_m, v_m, tau)
-    gained = float((kinetic + potential)[-1, 0] - (kinetic + potential)[0, 0]) + np.trapezoid(dissipated[:, 0], dx=step)
+    gained = float((kinetic + potential)[-1, 0] - (kinetic + potential)[0, 0]) + np.trapezoid(
+        dissipated[:, 0], dx=step
+    )
     work = float(np.sum(tau[:-1] * np.diff(q_m, axis=0)))
     assert lost > 1e-3
     assert work - gained == pytest.approx(lost, rel=1e-3)
@@ -142,9 +159,15 @@ def test_accelerometers_feel_the_torques_of_the_gears(plain: flexgen.Solution) -
     model = replace(model, sensors=tuple(replace(sensor, noise=0.0) for sensor in model.sensors))
     run = flexgen.control(model, solution=plain, **OPEN)
     q_a, q_m, step = run.nominal.q_a, run.nominal.q_m, OPEN["sample_time"]
-    v_a, a_a, v_m = time_derivative(q_a, step), second_time_derivative(q_a, step), time_derivative(q_m, step)
+    v_a, a_a, v_m = (
+        time_derivative(q_a, step),
+        second_time_derivative(q_a, step),
+        time_derivative(q_m, step),
+    )
     equations = flexgen.derive(model)
-    springs = evaluate(equations.function("forward_dynamics"), q_a, v_a, q_m, v_m, run.nominal.tau_m)[0]
+    springs = evaluate(
+        equations.function("forward_dynamics"), q_a, v_a, q_m, v_m, run.nominal.tau_m
+    )[0]
     signals, inside = equations.function("sensors"), slice(50, -50)
     felt, forgotten = (evaluate(signals, q_a, v_a, a)[0][inside] for a in (a_a, springs))
     shown = run.nominal.sensors[inside]
@@ -191,7 +214,9 @@ def test_steps_that_are_too_long_for_the_law_are_an_error(plain: flexgen.Solutio
 @pytest.mark.slow
 def test_positions_that_are_held_slip_faster_than_the_planned_motion() -> None:
     """Every 12 ms: the steps for the planned speeds are too long; with 16 or 199 of them the error is 1.1187 mm."""
-    found = flexgen.command_positions(hysteretic("elbow"), period=0.012, interpolation="hold", progress=False)
+    found = flexgen.command_positions(
+        hysteretic("elbow"), period=0.012, interpolation="hold", progress=False
+    )
     assert found.status == "solved" and found.today.status == "done" and found.run.steps > 1
     assert found.tool_error_max_m == pytest.approx(1.1187e-3, rel=1e-3)
 
@@ -205,10 +230,14 @@ def test_robots_in_a_batch_have_the_bits_of_one_alone(plain: flexgen.Solution) -
 def test_laws_and_linear_controllers_use_springs_and_dampers(plain: flexgen.Solution) -> None:
     model = hysteretic("elbow")
     for controller in ("lqg", "ppi_notch", flexgen.ComputedTorque()):
-        run = flexgen.control(model, solution=plain, controller=controller, exact_state=True, progress=False)
+        run = flexgen.control(
+            model, solution=plain, controller=controller, exact_state=True, progress=False
+        )
         assert run.status == "done", controller
 
 
 def test_a_model_without_hysteresis_has_no_lost_motion() -> None:
-    with pytest.raises(ArgumentError, match="plant wide, lost_motion: the model elbow has no number of this kind"):
+    with pytest.raises(
+        ArgumentError, match="plant wide, lost_motion: the model elbow has no number of this kind"
+    ):
         flexgen.control("elbow", plants={"wide": {"lost_motion": 1.2}}, progress=False)

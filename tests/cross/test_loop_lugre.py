@@ -16,7 +16,8 @@ from flexgen.loop import hysteresis as loop
 
 pytestmark = needs_compiler
 OPEN = {"controller": "none", "sample_time": 1e-4, "torque_limits": False, "progress": False}
-STEP, AGREES = 2.5e-5, 1e-4  # s, of MuJoCo; of the error: what the law of the tests leaves with that step
+# s, of MuJoCo; of the error: what the law of the tests leaves with that step
+STEP, AGREES = 2.5e-5, 1e-4
 NUMBERS = tables("elbow")
 
 
@@ -29,7 +30,9 @@ def plain() -> flexgen.Solution:
 def error_of(run: flexgen.ControlRun, name: str = "nominal") -> float:
     """Largest tool error [m] until 0.1 s after the move, as in MuJoCo."""
     time = run.reference.time
-    return float(run.distance(run[name])[(time >= 0.0) & (time <= run.reference.end + 0.1 + 1e-9)].max())
+    return float(
+        run.distance(run[name])[(time >= 0.0) & (time <= run.reference.end + 0.1 + 1e-9)].max()
+    )
 
 
 @pytest.mark.slow
@@ -40,7 +43,9 @@ def test_the_loop_has_the_errors_of_mujoco(plain: flexgen.Solution, factor: floa
     more = {"lugre_coulomb": factor, "lugre_static": factor}
     run = flexgen.control(bristled("elbow", NUMBERS), solution=plain, plants={"more": more}, **OPEN)
     assert run.status == "done"
-    large = {m: row | {k: factor * row[k] for k in ("coulomb", "static")} for m, row in NUMBERS.items()}
+    large = {
+        m: row | {k: factor * row[k] for k in ("coulomb", "static")} for m, row in NUMBERS.items()
+    }
     expected = error_in_mujoco("elbow", plain.trajectory, large, step=STEP, feedback=False)
     assert expected > 1e-3
     assert error_of(run, "more") == pytest.approx(expected, rel=AGREES)
@@ -82,7 +87,8 @@ def test_feedforward_that_knows_the_friction_leaves_no_error(plain: flexgen.Solu
 def test_with_hysteresis_both_act(plain: flexgen.Solution) -> None:
     """Robots whose numbers make one of the states vanish are those of models without it."""
     gears = {
-        f"element.{x}.gear.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5} for x in ("upper.dof.q1", "fore.dof.q2")
+        f"element.{x}.gear.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5}
+        for x in ("upper.dof.q1", "fore.dof.q2")
     }
     both = bristled("elbow", NUMBERS, **gears)
     least: dict[str, Any] = {"none": {"lost_motion": 0.0}}

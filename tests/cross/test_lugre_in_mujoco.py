@@ -10,17 +10,27 @@ import flexgen
 from flexgen.exports.mujoco_checks import with_friction
 
 pytest.importorskip("mujoco")
-KNOWN, STEP = 5e-8, 5e-5  # m; s: with steps of 1e-4 s the law of the tests itself has an error of 0.12 um
+# m; s: with steps of 1e-4 s the law of the tests itself has an error of 0.12 um
+KNOWN, STEP = 5e-8, 5e-5
 
 
 def errors(name: str) -> tuple[float, float, float]:
     """Errors without the friction in the inverse, with it, and with Coulomb and static torques 20 % too large."""
     numbers = tables(name)
-    large = {m: row | {"coulomb": 1.2 * row["coulomb"], "static": 1.2 * row["static"]} for m, row in numbers.items()}
-    models = [with_friction(flexgen.read(name), "viscous"), bristled(name, numbers), bristled(name, large)]
+    large = {
+        m: row | {"coulomb": 1.2 * row["coulomb"], "static": 1.2 * row["static"]}
+        for m, row in numbers.items()
+    }
+    models = [
+        with_friction(flexgen.read(name), "viscous"),
+        bristled(name, numbers),
+        bristled(name, large),
+    ]
     solved = [flexgen.solve(model, progress=False) for model in models]
     assert [solution.status for solution in solved] == ["solved"] * 3
-    unknown, known, wrong = (error_in_mujoco(name, each.trajectory, numbers, step=STEP) for each in solved)
+    unknown, known, wrong = (
+        error_in_mujoco(name, each.trajectory, numbers, step=STEP) for each in solved
+    )
     return unknown, known, wrong
 
 
@@ -57,5 +67,7 @@ def test_pre_sliding_is_seen_on_moves_that_stay_within_it() -> None:
     turned, torques = (path["q_m"] - path["q_m"][0])[early], path["tau_b"][early]
     damped = np.array([row["damping"] for row in numbers.values()]) * path["v_m"][early]
     assert move.name == solution.move.name and early.sum() > 10
-    np.testing.assert_allclose(torques, s0 * turned + damped, rtol=0, atol=0.05 * np.abs(torques).max())
+    np.testing.assert_allclose(
+        torques, s0 * turned + damped, rtol=0, atol=0.05 * np.abs(torques).max()
+    )
     assert error_in_mujoco("elbow", path, numbers, step=STEP) < KNOWN

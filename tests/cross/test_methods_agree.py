@@ -50,11 +50,15 @@ def test_methods_agree(name: str) -> None:
     best = flexgen.solve(equations, method="lq", verify=False)
     for method, tolerance in AGREE.items():
         if name == "planar5_nmp" and method in CAUSAL:
-            with pytest.raises(ArgumentError, match=r"unstable, with a zero at \+891\.8 1/s.*use lq, bvp"):
+            with pytest.raises(
+                ArgumentError, match=r"unstable, with a zero at \+891\.8 1/s.*use lq, bvp"
+            ):
                 flexgen.solve(equations, method=method)
             continue
         answer = flexgen.solve(equations, method=method, verify=False)
-        assert difference(best.trajectory, answer.trajectory, best.move.duration) < tolerance, method
+        assert difference(best.trajectory, answer.trajectory, best.move.duration) < tolerance, (
+            method
+        )
 
 
 @pytest.mark.full
@@ -82,7 +86,9 @@ def test_a_torque_delayed_by_a_sample_does_not_agree() -> None:
         {"tau_m": solution.trajectory.ports["tau_m"]},
         {"tau_m": solution.trajectory.labels["tau_m"]},
     )
-    assert difference(solution.trajectory, late, solution.move.duration) > 100 * AGREE["collocation"]
+    assert (
+        difference(solution.trajectory, late, solution.move.duration) > 100 * AGREE["collocation"]
+    )
 
 
 def test_every_method_is_in_the_command_line_and_has_its_function() -> None:
@@ -96,5 +102,7 @@ def test_every_method_is_in_the_command_line_and_has_its_function() -> None:
 
 def test_weights_and_mesh_are_the_solvers_own() -> None:
     """The user asks for an accuracy; what no method knows is refused."""
-    with pytest.raises(ArgumentError, match="options: method lq was given 'weight', expected one of"):
+    with pytest.raises(
+        ArgumentError, match="options: method lq was given 'weight', expected one of"
+    ):
         flexgen.solve("planar5_mp", method="lq", options={"weight": 1.0})

@@ -24,7 +24,13 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
 from flexgen.recursion.arm import Arm
-from flexgen.recursion.functions import _BUILDERS, agrees, fast_function, operations_of, recursive_function
+from flexgen.recursion.functions import (
+    _BUILDERS,
+    agrees,
+    fast_function,
+    operations_of,
+    recursive_function,
+)
 
 CLOSE = 1e-10  # of the largest entry
 COUNT = 12
@@ -33,7 +39,11 @@ COUNT = 12
 @st.composite
 def mechanisms(draw: st.DrawFn) -> tuple[RobotModel, RobotModel, np.ndarray]:
     """A random tree, the same with some axes without motor moved by mechanisms, and T of the module's equation."""
-    case = draw(trees().filter(lambda case: case.model.n_e > 0 and case.model.motor_coupling == "simplified"))
+    case = draw(
+        trees().filter(
+            lambda case: case.model.n_e > 0 and case.model.motor_coupling == "simplified"
+        )
+    )
     free, rng = case.model, np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     chosen, factors = [], {}
     for k, c in enumerate(free.coordinates):
@@ -48,7 +58,13 @@ def mechanisms(draw: st.DrawFn) -> tuple[RobotModel, RobotModel, np.ndarray]:
         replace(
             e,
             dofs=tuple(
-                replace(d, spring=None, damping=0.0, friction=type(d.friction)(), mimic=tuple(factors[d.name].items()))
+                replace(
+                    d,
+                    spring=None,
+                    damping=0.0,
+                    friction=type(d.friction)(),
+                    mimic=tuple(factors[d.name].items()),
+                )
                 if d.name in factors
                 else d
                 for d in e.dofs
@@ -83,13 +99,22 @@ def compare(free: RobotModel, moved: RobotModel, T: np.ndarray) -> None:
             (equations.function("bias")(q, v), h[:, None]),
             (equations.function("forward_kinematics")(q)[0], referee.tool(T @ q)[0][:, None]),
         ):
-            np.testing.assert_allclose(np.array(found), expected, rtol=0, atol=CLOSE * (1e-6 + np.abs(expected).max()))
+            np.testing.assert_allclose(
+                np.array(found), expected, rtol=0, atol=CLOSE * (1e-6 + np.abs(expected).max())
+            )
 
 
 def on_mechanisms(check) -> None:
     """A check of some random mechanisms, the same ones every time."""
-    quiet = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "print_blob": False}
-    settings(max_examples=COUNT, phases=(Phase.generate,), **quiet)(seed(2)(given(mechanisms())(lambda x: check(*x))))()
+    quiet = {
+        "database": None,
+        "deadline": None,
+        "suppress_health_check": list(HealthCheck),
+        "print_blob": False,
+    }
+    settings(max_examples=COUNT, phases=(Phase.generate,), **quiet)(
+        seed(2)(given(mechanisms())(lambda x: check(*x)))
+    )()
 
 
 @pytest.mark.slow
@@ -203,15 +228,21 @@ def compare_recursion(moved: RobotModel) -> None:
             for x, y in zip(fast.call(given), slow.call(given), strict=True):
                 expected = np.array(y)
                 near = CLOSE * (1e-6 + np.abs(expected).max(initial=0.0))
-                np.testing.assert_allclose(np.array(x), expected, rtol=0, atol=10.0 * near, err_msg=name)
+                np.testing.assert_allclose(
+                    np.array(x), expected, rtol=0, atol=10.0 * near, err_msg=name
+                )
         checked += 1
     assert checked >= 9
 
 
 def linkage(tmp_path: Path) -> RobotModel:
     """Two parallel linkages in space: a rod moves the elbow, and the hand stays upright."""
-    text = TORSO.replace("axis = [0, 0, 1]", "axis = [0, 1, 0]").replace("axis = [0, 1, 0]", "axis = [0, 0, 1]", 1)
-    text = text.replace('name = "arm"', 'name = "arm"\nparent = "leg1"').replace("[0.1, 0.3, 0]", "[0.1, 0.3, 0.2]")
+    text = TORSO.replace("axis = [0, 0, 1]", "axis = [0, 1, 0]").replace(
+        "axis = [0, 1, 0]", "axis = [0, 0, 1]", 1
+    )
+    text = text.replace('name = "arm"', 'name = "arm"\nparent = "leg1"').replace(
+        "[0.1, 0.3, 0]", "[0.1, 0.3, 0.2]"
+    )
     (tmp_path / "linkage.toml").write_text(text)
     return read(tmp_path / "linkage.toml")
 
@@ -221,7 +252,10 @@ def test_recursions_of_mechanisms_are_lagranges_equations(tmp_path):
     for robot in (read(tmp_path / "torso.toml"), linkage(tmp_path)):
         equations = derive(robot)
         compare_recursion(robot)
-        fast, slow = fast_function(equations, "inverse_dynamics"), equations.function("inverse_dynamics")
+        fast, slow = (
+            fast_function(equations, "inverse_dynamics"),
+            equations.function("inverse_dynamics"),
+        )
         assert fast is not None and operations_of(fast) < 0.7 * operations_of(slow.expand())
 
 
@@ -230,7 +264,9 @@ def test_a_recursion_without_the_torques_of_the_mechanism_is_found(tmp_path, mon
     added = Arm.to_coordinates
 
     def without_the_third(self, x):
-        return added(self, [*x[:2], [0.0 * y for y in x[2]] if isinstance(x[2], list) else 0.0, *x[3:]])
+        return added(
+            self, [*x[:2], [0.0 * y for y in x[2]] if isinstance(x[2], list) else 0.0, *x[3:]]
+        )
 
     monkeypatch.setattr(Arm, "to_coordinates", without_the_third)
     robot = linkage(tmp_path)
@@ -248,11 +284,17 @@ def test_recursions_of_random_mechanisms_are_lagranges_equations():
         (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = { q1 = -1.0, q4 = -1.0 }"), r"mimic.*q4"),
         (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = {}"), r"mimic.*at least one"),
         (
-            ("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = { q1 = -1.0 }\nfriction = { viscous = 1.0 }"),
+            (
+                "mimic = { q1 = -1.0, q2 = -1.0 }",
+                "mimic = { q1 = -1.0 }\nfriction = { viscous = 1.0 }",
+            ),
             r"friction.*mimic",
         ),
         (
-            ("mimic = { q1 = -1.0, q2 = -1.0 }", 'mimic = { q1 = -1.0 }\nspring = { type = "linear", stiffness = 1 }'),
+            (
+                "mimic = { q1 = -1.0, q2 = -1.0 }",
+                'mimic = { q1 = -1.0 }\nspring = { type = "linear", stiffness = 1 }',
+            ),
             r"both a",
         ),
     ],
@@ -292,12 +334,16 @@ def test_mimic_of_a_urdf_file(tmp_path):
 
 
 def test_a_mimic_of_a_joint_that_is_not_there_is_refused(tmp_path):
-    (tmp_path / "fingers.urdf").write_text(URDF.replace('joint="base" multiplier', 'joint="thumb" multiplier'))
+    (tmp_path / "fingers.urdf").write_text(
+        URDF.replace('joint="base" multiplier', 'joint="thumb" multiplier')
+    )
     with pytest.raises(ModelError, match=r"joint.end.mimic.*thumb"):
         read(f"{tmp_path / 'fingers.urdf'}#palm:second")
 
 
-def deviation(model: RobotModel, solution: flexgen.Solution, file: Path, step: float = 2e-4) -> float:
+def deviation(
+    model: RobotModel, solution: flexgen.Solution, file: Path, step: float = 2e-4
+) -> float:
     """Largest difference [rad] of the coordinates in MuJoCo, under the torques of a solution, to those planned."""
     mujoco = pytest.importorskip("mujoco")
     robot = mujoco.MjModel.from_xml_path(str(file))
@@ -306,7 +352,10 @@ def deviation(model: RobotModel, solution: flexgen.Solution, file: Path, step: f
     names = [robot.joint(k).name for k in range(robot.njnt)]
     start = dict(zip([c.name for c in model.coordinates], path["q_a"][0], strict=True))
     start |= {f"rotor.{m.name}": x for m, x in zip(model.motors, path["q_m"][0], strict=True)}
-    start |= {key: sum(x * start[name] for name, x in own.items()) for key, own in mechanisms_of(model).items()}
+    start |= {
+        key: sum(x * start[name] for name, x in own.items())
+        for key, own in mechanisms_of(model).items()
+    }
     state.qpos[:] = [start[name] for name in names]
     times = path.time[0] + step * np.arange(int((path.time[-1] - path.time[0]) / step))
     found = []
@@ -369,7 +418,9 @@ spring = { type = "linear", stiffness = 1e4 }
         '[[element]]\nname = "leg2"', side + '[[element]]\nname = "leg2"\nparent = "leg1"'
     )
     (tmp_path / "torso.toml").write_text(text)
-    with pytest.raises(ModelError, match=r"element\.arm\.dof\.q3\.mimic: given an axis that moves without inertia"):
+    with pytest.raises(
+        ModelError, match=r"element\.arm\.dof\.q3\.mimic: given an axis that moves without inertia"
+    ):
         flexgen.export_mujoco(read(tmp_path / "torso.toml"), tmp_path / "torso.xml")
 
 
@@ -383,7 +434,10 @@ def test_an_exported_urdf_file_has_the_mechanism(tmp_path, others):
     assert ('<mimic joint="q2" multiplier="-0.8"' in text) == ("q1" not in others)
 
     def differs(again: RobotModel) -> float:
-        (q, v, a), angles = np.random.default_rng(0).uniform(-1, 1, (3, model.n_a)), np.zeros((3, model.n_m))
+        (q, v, a), angles = (
+            np.random.default_rng(0).uniform(-1, 1, (3, model.n_a)),
+            np.zeros((3, model.n_m)),
+        )
         given = q, v, a, *angles, np.zeros(model.n_m)
         (x, _), (y, _) = (derive(m).function("residual")(*given) for m in (model, again))
         return float(np.abs(np.array(x - y)).max())
@@ -391,7 +445,9 @@ def test_an_exported_urdf_file_has_the_mechanism(tmp_path, others):
     assert [c.name for c in read(written.details["overlay"]).coordinates] == ["q1", "q2", "q4"]
     assert differs(read(written.details["overlay"])) < 1e-9
     overlay = written.details["overlay"]
-    overlay.write_text(overlay.read_text().replace("q2 = -0.8", "q2 = -0.9").replace("q2 = -1 ", "q2 = -1.1 "))
+    overlay.write_text(
+        overlay.read_text().replace("q2 = -0.8", "q2 = -0.9").replace("q2 = -1 ", "q2 = -1.1 ")
+    )
     assert differs(read(overlay)) > 1.0
 
 
@@ -410,7 +466,9 @@ def test_axes_of_mechanisms_in_elements_with_a_motor_move_in_the_urdf_file(tmp_p
         assert ("<mimic" in file.read_text()) == ("q2" in turns)
         robot = pinocchio.buildModelFromUrdf(str(file))
         data, q = robot.createData(), np.array([0.4, 0.5, 0.2])
-        angles = dict(zip(("q1", "q2", "q4"), q, strict=True)) | {"q3": -0.8 * q[1] if "q2" in turns else 0.0}
+        angles = dict(zip(("q1", "q2", "q4"), q, strict=True)) | {
+            "q3": -0.8 * q[1] if "q2" in turns else 0.0
+        }
         turned = [f(angles[name]) for name in list(robot.names)[1:] for f in (np.cos, np.sin)]
         pinocchio.framesForwardKinematics(robot, data, np.array(turned))
         full = np.zeros(model.n_a)

@@ -53,7 +53,9 @@ class Machine:
         self.model = model
         self.m = mujoco.MjModel.from_xml_string(mjcf(model) if text is None else text)
         self.d = mujoco.MjData(self.m)
-        names = [c.name for c in model.coordinates] + [f"rotor.{model.motors[j].name}" for j in model.i_m]
+        names = [c.name for c in model.coordinates] + [
+            f"rotor.{model.motors[j].name}" for j in model.i_m
+        ]
         joints = [self.m.joint(name).id for name in names]
         assert sorted(joints) == list(range(self.m.njnt)) and self.m.nv == model.dof
         self.at = self.m.jnt_dofadr[joints]
@@ -115,7 +117,10 @@ def test_accelerations_or_a_reason(name):
 def test_without_coulomb_friction(name):
     model = flexgen.read(name)
     smooth = lambda f: replace(f, coulomb=0.0, stribeck=0.0, offset=0.0)  # noqa: E731
-    elements = [replace(e, dofs=tuple(replace(d, friction=smooth(d.friction)) for d in e.dofs)) for e in model.elements]
+    elements = [
+        replace(e, dofs=tuple(replace(d, friction=smooth(d.friction)) for d in e.dofs))
+        for e in model.elements
+    ]
     motors = tuple(replace(m, friction=smooth(m.friction)) for m in model.motors)
     less = replace(model, elements=tuple(elements), motors=motors)
     assert difference(less, Machine(model, mjcf(model, "viscous"))) < ACCELERATION
@@ -130,13 +135,19 @@ def test_random_robots(coupling):
     def check(case: Case) -> None:
         try:
             text = mjcf(case.model)
-        except ModelError as reason:  # complete coupling behind rigid gears, thin bodies that carry rotors
+        # complete coupling behind rigid gears, thin bodies that carry rotors
+        except ModelError as reason:
             assert re.search("several directions|principal moments|an inertia of", str(reason))
             return
         compared.append(difference(case.model, Machine(case.model, text), 2))
         assert compared[-1] < ACCELERATION
 
-    quiet = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "print_blob": False}
+    quiet = {
+        "database": None,
+        "deadline": None,
+        "suppress_health_check": list(HealthCheck),
+        "print_blob": False,
+    }
     settings(max_examples=20, phases=(Phase.generate,), **quiet)(
         seed(1)(given(cases(linear=True, coupling=coupling))(check))
     )()
@@ -158,7 +169,11 @@ def test_nonlinear_springs_in_gears_and_in_joints_without_motor(spring):
     elements = []
     for element in model.elements:
         (dof,) = element.dofs
-        dof = replace(dof, spring=spring) if dof.gear is None else replace(dof, gear=replace(dof.gear, spring=spring))
+        dof = (
+            replace(dof, spring=spring)
+            if dof.gear is None
+            else replace(dof, gear=replace(dof.gear, spring=spring))
+        )
         elements.append(replace(element, dofs=(dof,)))
     model = replace(model, elements=tuple(elements))
     # 0.02 rad are ten times the break: the cubic polynomial and its correction are a thousand times their sum
@@ -198,7 +213,8 @@ def test_a_rotor_behind_rigid_gears_of_two_branches_is_refused(joints, monkeypat
     two |= {"motor.m_r1.ratio": [100, 40], f"motor.m_{joints[1]}.ratio": [-30, 100]}
     places = {"r1": "right1", "r2": "right2", "l1": "left1"}
     model = flexgen.read(
-        "two_arm", overrides=two | {f"element.{places[q]}.dof.{q}.gear": {"type": "rigid"} for q in joints}
+        "two_arm",
+        overrides=two | {f"element.{places[q]}.dof.{q}.gear": {"type": "rigid"} for q in joints},
     )
     if joints == ["r1", "r2"]:
         assert difference(model, Machine(model)) < ACCELERATION
@@ -214,7 +230,9 @@ def test_drag_of_the_payload_and_what_is_left_out(tmp_path):
     drag = {"payload": {"mass": 3.0, "rotational_drag": 50.0}, "motor.m1.encoder_error": encoder}
     model = flexgen.read("planar5_nmp", overrides=drag)
     assert difference(model, Machine(model)) < ACCELERATION
-    assert flexgen.export_mujoco(model, tmp_path / "a.xml").notes == ("not in the file: encoder_error",)
+    assert flexgen.export_mujoco(model, tmp_path / "a.xml").notes == (
+        "not in the file: encoder_error",
+    )
     assert flexgen.export_mujoco("planar5_nmp", tmp_path / "a.xml").notes == ()
 
 
@@ -226,14 +244,20 @@ def test_the_tool_is_in_its_place():
             p, R = evaluate(equations.function("forward_kinematics"), at[0])
             machine.accelerations(*at)
             site = machine.d.site("tool")
-            assert np.abs(site.xpos - p[0]).max() < 1e-12 and np.abs(site.xmat.reshape(3, 3) - R[0]).max() < 1e-12
+            assert (
+                np.abs(site.xpos - p[0]).max() < 1e-12
+                and np.abs(site.xmat.reshape(3, 3) - R[0]).max() < 1e-12
+            )
 
 
 def test_home_is_an_equilibrium():
     """At the key frame no coordinate accelerates: by less than 1e-9 of the acceleration with other torques."""
-    model = flexgen.read("two_arm")  # both arms in turn: MuJoCo has the joints of one branch after those of the other
+    # both arms in turn: MuJoCo has the joints of one branch after those of the other
+    model = flexgen.read("two_arm")
     parents, elements = model.parents, model.elements
-    mixed = tuple(replace(elements[k], parent=parents[elements[k].name]) for k in (0, 1, 2, 4, 3, 5))
+    mixed = tuple(
+        replace(elements[k], parent=parents[elements[k].name]) for k in (0, 1, 2, 4, 3, 5)
+    )
     tree = replace(model, elements=mixed, home=tuple(model.home[k] for k in (0, 1, 3, 2, 4)))
     for robot in (tree, *map(flexgen.read, ("planar5_nmp", "kr300_efjm", "four_mass"))):
         machine = Machine(robot)
@@ -272,7 +296,9 @@ def played_back(machine: Machine, path, factor: float) -> np.ndarray:
     return np.array(moved)[:, : machine.model.n_a]
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("four_mass@high", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp", pytest.param("four_mass@high", marks=pytest.mark.slow)]
+)
 def test_played_back_in_mujoco(name):
     """The solved torque in MuJoCo moves the output as in flexgen's own verification.
 
@@ -282,13 +308,17 @@ def test_played_back_in_mujoco(name):
     equations = flexgen.derive(name)
     solution = flexgen.solve(equations)
     path, machine = solution.trajectory, Machine(equations.model)
-    claimed = next(figure.value for figure in solution.figures() if figure.key == "tool_error_max_m")
+    claimed = next(
+        figure.value for figure in solution.figures() if figure.key == "tool_error_max_m"
+    )
     assert solution.status and claimed < 1e-8
     errors = []
     for factor in (1.0, 1.0001):
         moved = played_back(machine, path, factor)
         wanted = path.at(np.linspace(path.time[0], path.time[-1], len(moved)))["y_ref"]
-        errors.append(float(np.abs(evaluate(equations.function("output"), moved)[0] - wanted).max()))
+        errors.append(
+            float(np.abs(evaluate(equations.function("output"), moved)[0] - wanted).max())
+        )
     assert errors[0] < 1.1 * claimed + 1e-10
     assert errors[1] > 100 * errors[0]  # a torque that is wrong by 1e-4 is seen
 
@@ -303,7 +333,10 @@ def test_played_back_in_mujoco(name):
         (r'(<fixed name="gear.q2"[^>]*damping=")(\d+)', r"\g<1>9\g<2>"),
         (r'(<joint name="q3"[^>]*stiffness=")150000', r"\g<1>150001"),
         (r'(<body name="arm3"[^>]*>\s*<joint[^>]*>\s*<inertial mass=")25"', r'\g<1>25.0001"'),
-        (r'(<body name="rotor.m1"[^>]*>\s*<joint[^>]*>\s*<inertial[^>]*diaginertia=")[^"]*"', r'\g<1>1 1 1"'),
+        (
+            r'(<body name="rotor.m1"[^>]*>\s*<joint[^>]*>\s*<inertial[^>]*diaginertia=")[^"]*"',
+            r'\g<1>1 1 1"',
+        ),
     ],
 )
 def test_planted_bugs(pattern, other):
@@ -327,10 +360,18 @@ def test_the_file(tmp_path):
     m = mujoco.MjModel.from_xml_path(str(path))
     # a capsule for each link, from joint to joint, that neither weighs nor touches
     ends = [np.array(geom.get("fromto").split(), dtype=float) for geom in root.iter("geom")]
-    places = [b.get("pos") for b in root.iter("body") if b.get("pos") and not b.get("name").startswith("rotor.")]
+    places = [
+        b.get("pos")
+        for b in root.iter("body")
+        if b.get("pos") and not b.get("name").startswith("rotor.")
+    ]
     lengths = [np.linalg.norm(np.array(place.split(), dtype=float)) for place in places]
-    assert {round(float(np.linalg.norm(end[3:] - end[:3])), 9) for end in ends} >= {round(x, 9) for x in lengths if x}
-    assert len(ends) == 3 and all(g.get("contype") == g.get("conaffinity") == "0" for g in root.iter("geom"))
+    assert {round(float(np.linalg.norm(end[3:] - end[:3])), 9) for end in ends} >= {
+        round(x, 9) for x in lengths if x
+    }
+    assert len(ends) == 3 and all(
+        g.get("contype") == g.get("conaffinity") == "0" for g in root.iter("geom")
+    )
     assert m.neq == 0 and m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
     # stable where nothing is done about it: a second from home under the torques of the equilibrium
     d = mujoco.MjData(m)
@@ -344,7 +385,9 @@ def test_the_file(tmp_path):
 def test_names_that_mujoco_reserves():
     model = flexgen.read("planar5_nmp")
     names = ("world", "payload", "worldbody")
-    elements = tuple(replace(element, name=name) for element, name in zip(model.elements, names, strict=True))
+    elements = tuple(
+        replace(element, name=name) for element, name in zip(model.elements, names, strict=True)
+    )
     load = Body(3.0, (0.1, 0.0, 0.0), ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)))
     odd = replace(model, elements=elements, payload=load)
     assert difference(odd, Machine(odd)) < ACCELERATION
@@ -368,7 +411,9 @@ def test_principal_axes_with_a_small_tilt(tilt, monkeypatch):
     turn = np.array([[1.0, -tilt, 0.0], [tilt, 1.0, 0.0], [0.0, 0.0, 1.0]])
     inertia = 20 * turn @ np.diag([1.0, 4.0, 4.5]) @ turn.T
     elements = list(model.elements)
-    elements[2] = replace(elements[2], body=replace(elements[2].body, inertia=tuple(map(tuple, inertia.tolist()))))
+    elements[2] = replace(
+        elements[2], body=replace(elements[2].body, inertia=tuple(map(tuple, inertia.tolist())))
+    )
     tilted = replace(model, elements=tuple(elements))
     assert difference(tilted, Machine(tilted), 2) < ACCELERATION
 
@@ -383,7 +428,10 @@ def test_dry_friction_is_a_constraint():
 
 def test_motors_behind_rigid_gears_are_friction_damping_and_armature_of_their_joint():
     """Power: r times the torque, r^2 times the damping and the inertia."""
-    frictions = {"motor.m1.friction": {"coulomb": 0.5, "beta": 9.0, "viscous": 0.25}, "motor.m1.ratio": -4.0}
+    frictions = {
+        "motor.m1.friction": {"coulomb": 0.5, "beta": 9.0, "viscous": 0.25},
+        "motor.m1.ratio": -4.0,
+    }
     own = {"element.upper.dof.q1.friction": {"coulomb": 3.0, "beta": 50.0, "viscous": 7.0}}
     model = flexgen.read("elbow@rigid", overrides=frictions | own)
     m = mujoco.MjModel.from_xml_string(mjcf(model, "dry"))
@@ -431,7 +479,9 @@ def test_an_inertia_that_no_body_can_have_is_refused():
     (dof,) = model.elements[0].dofs
     axes = np.linalg.svd(np.array([dof.axis]))[2]  # the axis of the joint first
     tensors = [axes.T @ np.diag([0.1, 5.0, 1.0]) @ axes, *[np.eye(3)] * (len(model.elements) - 1)]
-    with pytest.raises(ModelError, match=r"element\.arm1\.body\.inertia: given principal moments 0\.1, 1, 5 ") as found:
+    with pytest.raises(
+        ModelError, match=r"element\.arm1\.body\.inertia: given principal moments 0\.1, 1, 5 "
+    ) as found:
         regroup(model, tensors, [np.eye(3)] * len(model.elements))
     assert found.value.line == 0
 

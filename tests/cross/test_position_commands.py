@@ -36,7 +36,12 @@ def position_at(time: np.ndarray, rows: np.ndarray, t: float, interpolation: str
         return (1 - x) * rows[j] + x * rows[j + 1]
     a, b, c, d = (rows[min(max(k, 0), len(rows) - 1)] for k in range(j - 1, j + 3))
     m0, m1 = (c - a) / 2, (d - b) / 2
-    return (2 * x**3 - 3 * x**2 + 1) * b + (x**3 - 2 * x**2 + x) * m0 + (3 * x**2 - 2 * x**3) * c + (x**3 - x**2) * m1
+    return (
+        (2 * x**3 - 3 * x**2 + 1) * b
+        + (x**3 - 2 * x**2 + x) * m0
+        + (3 * x**2 - 2 * x**3) * c
+        + (x**3 - x**2) * m1
+    )
 
 
 def read_table(file: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -54,13 +59,17 @@ def servo_of(found: flexgen.PositionCommands, gains: flexgen.Cascade, **changes)
     return replace(own, **changes)
 
 
-def error_in_mujoco(found: flexgen.PositionCommands, folder: Path, late: float = 0.0, **changes) -> float:
+def error_in_mujoco(
+    found: flexgen.PositionCommands, folder: Path, late: float = 0.0, **changes
+) -> float:
     """Largest distance [m] of the tool from the path, of a robot that is sent the table; ``late``: it begins later."""
     time, joints = read_table(found.save(folder / "positions.csv"))
     return error_with(found, time + late, joints, **changes)
 
 
-def error_with(found: flexgen.PositionCommands, time: np.ndarray, joints: np.ndarray, **changes) -> float:
+def error_with(
+    found: flexgen.PositionCommands, time: np.ndarray, joints: np.ndarray, **changes
+) -> float:
     model, path = found.run.model, found.run.solution.trajectory
     servo = servo_of(found, found.run.law, **changes)
     robot = InMujoco(model, path["q_a"][0], path["q_m"][0])
@@ -68,7 +77,10 @@ def error_with(found: flexgen.PositionCommands, time: np.ndarray, joints: np.nda
     first = servo.h * np.floor(first / servo.h)  # positions begin to act at samples of the servo
     rows = joints @ model.eta.T
     t, arm, _ = robot.follow(
-        servo, lambda at: position_at(time, rows, at, found.interpolation), first, path.time[-1] + 0.3
+        servo,
+        lambda at: position_at(time, rows, at, found.interpolation),
+        first,
+        path.time[-1] + 0.3,
     )
     y = evaluate(flexgen.derive(model).function("output"), arm)[0].reshape(len(t), -1)
     wanted = path.at(np.clip(t, path.time[0], path.time[-1]))["y_ref"]
@@ -77,14 +89,18 @@ def error_with(found: flexgen.PositionCommands, time: np.ndarray, joints: np.nda
 
 @pytest.fixture(scope="module")
 def solved() -> dict[str, flexgen.Solution]:
-    return {name: flexgen.solve(robot_of(name), progress=False) for name in ("elbow", "planar5_nmp")}
+    return {
+        name: flexgen.solve(robot_of(name), progress=False) for name in ("elbow", "planar5_nmp")
+    }
 
 
 @pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
 def test_mujoco_under_the_table_follows_the_path(solved, tmp_path, name):
     """Interpolation by straight lines each 4 ms; planted: gains and start of the table that are wrong."""
     found = flexgen.command_positions(robot_of(name), solution=solved[name], progress=False)
-    assert found.status == "solved" and found.tool_error_max_m < 2e-6 < 1e-4 < found.today_error_max_m
+    assert (
+        found.status == "solved" and found.tool_error_max_m < 2e-6 < 1e-4 < found.today_error_max_m
+    )
     assert error_in_mujoco(found, tmp_path) < 2e-6
     gains = found.run.law
     assert error_in_mujoco(found, tmp_path, k_p=1.1 * np.asarray(gains.position_gain)) > 1e-5
@@ -94,7 +110,9 @@ def test_mujoco_under_the_table_follows_the_path(solved, tmp_path, name):
 
 @pytest.mark.parametrize("interpolation", ["cubic", "hold"])
 def test_other_interpolations_and_servos_in_mujoco(solved, tmp_path, interpolation):
-    servo = flexgen.Servo(flexgen.PPI(position_hz=4.0), speed_feedforward=0.3, reference_filter_s=0.004)
+    servo = flexgen.Servo(
+        flexgen.PPI(position_hz=4.0), speed_feedforward=0.3, reference_filter_s=0.004
+    )
     period = 0.008 if interpolation == "cubic" else 0.001
     found = flexgen.command_positions(
         robot_of("planar5_nmp"), solution=solved["planar5_nmp"], servo=servo, period=period,
@@ -119,17 +137,29 @@ def test_positions_begin_to_act_at_samples_of_the_servo(tmp_path):
 def test_limits_that_others_make_the_positions_reach_are_named(solved):
     """The accelerations of the table without limits are below their bound, of the one with less speed they are not."""
     free = flexgen.command_positions("planar5_nmp", solution=solved["planar5_nmp"], progress=False)
-    speed, acceleration = (np.abs(np.diff(free.joint, n=n, axis=0)).max(axis=0) / 4e-3**n for n in (1, 2))
+    speed, acceleration = (
+        np.abs(np.diff(free.joint, n=n, axis=0)).max(axis=0) / 4e-3**n for n in (1, 2)
+    )
     bounds = {"speed": 0.9 * speed, "acceleration": 1.02 * acceleration}
-    found = flexgen.command_positions("planar5_nmp", solution=solved["planar5_nmp"], **bounds, progress=False)
+    found = flexgen.command_positions(
+        "planar5_nmp", solution=solved["planar5_nmp"], **bounds, progress=False
+    )
     reached = np.abs(np.diff(found.joint, n=2, axis=0)).max(axis=0) / 4e-3**2
     assert_allclose(reached, bounds["acceleration"], rtol=1e-5)
-    assert found.active == ("speed of q1", "speed of q2", "acceleration of q1", "acceleration of q2")
+    assert found.active == (
+        "speed of q1",
+        "speed of q2",
+        "acceleration of q1",
+        "acceleration of q2",
+    )
 
 
 def test_a_servo_without_integral_part_holds_the_arm_by_an_offset(solved, tmp_path):
     found = flexgen.command_positions(
-        robot_of("planar5_nmp"), solution=solved["planar5_nmp"], servo=flexgen.PPI(integral_hz=0.0), progress=False
+        robot_of("planar5_nmp"),
+        solution=solved["planar5_nmp"],
+        servo=flexgen.PPI(integral_hz=0.0),
+        progress=False,
     )
     gains, hold = found.run.law, found.run.reference.held[0]
     offset = found.motor[0] - solved["planar5_nmp"].trajectory["q_m"][0]
@@ -137,7 +167,8 @@ def test_a_servo_without_integral_part_holds_the_arm_by_an_offset(solved, tmp_pa
         offset, hold / (gains.position_gain * gains.speed_gain), atol=1e-7
     )  # the table begins 1e-9 rad from rest, joint side
     time, joints = read_table(found.save(tmp_path / "positions.csv"))
-    start = solved["planar5_nmp"].trajectory["q_m"][0] + offset  # the servo is at rest with the offset, without bias
+    # the servo is at rest with the offset, without bias
+    start = solved["planar5_nmp"].trajectory["q_m"][0] + offset
     with_offset = servo_of(found, gains, hold=np.zeros(len(hold)), start=start)
     with_offset.angle = start - offset
     assert error_with(found, time, joints - offset @ np.linalg.inv(found.run.model.eta).T) < 2e-6
@@ -161,7 +192,10 @@ def test_mujoco_of_six_axes_under_the_table(tmp_path):
 def test_an_unstable_servo_is_not_solved(solved, delay):
     """Its deviations grow by 1e13 and more in the motion, until the numbers are not finite; with 1 ms it is stable."""
     gains = flexgen.Cascade((30.0, 25.0), (4.0, 1.0), (6.0, 6.0))
-    for late, words in ((delay, "failed: the loop of servo and robot is unstable"), (1e-3, "solved")):
+    for late, words in (
+        (delay, "failed: the loop of servo and robot is unstable"),
+        (1e-3, "solved"),
+    ):
         found = flexgen.command_positions(
             robot_of("planar5_nmp"),
             solution=solved["planar5_nmp"],
@@ -177,8 +211,12 @@ def test_limits_of_the_commands_are_kept_and_their_cost_is_stated(solved):
     speed, acceleration = np.abs(free.speed).max(axis=0), np.abs(free.acceleration).max(axis=0)
     same = flexgen.command_positions(robot_of("planar5_nmp"), speed=1.01 * speed, **given)
     assert same.active == () and np.array_equal(same.joint, free.joint)
-    found = flexgen.command_positions(robot_of("planar5_nmp"), acceleration=0.8 * acceleration, **given)
-    assert found.active == ("acceleration of q1", "acceleration of q2") and found.status.startswith("limits active")
+    found = flexgen.command_positions(
+        robot_of("planar5_nmp"), acceleration=0.8 * acceleration, **given
+    )
+    assert found.active == ("acceleration of q1", "acceleration of q2") and found.status.startswith(
+        "limits active"
+    )
     assert (np.abs(found.acceleration) <= 0.8 * acceleration * (1 + 1e-6)).all()
     assert found.tool_error_max_m > 10 * free.tool_error_max_m
 
@@ -191,9 +229,17 @@ def test_limits_of_a_solution_are_limits_of_its_positions(solved):
 
 
 def test_errors_of_other_robots_are_stated(solved):
-    given = {"solution": solved["planar5_nmp"], "plants": {"soft": {"stiffness": 0.9}}, "progress": False}
+    given = {
+        "solution": solved["planar5_nmp"],
+        "plants": {"soft": {"stiffness": 0.9}},
+        "progress": False,
+    }
     found = flexgen.command_positions(robot_of("planar5_nmp"), **given)
-    assert found.to_dict()["soft.tool_error_max_m"] == found.run.distance(found.run["soft"]).max() > 1e-5
+    assert (
+        found.to_dict()["soft.tool_error_max_m"]
+        == found.run.distance(found.run["soft"]).max()
+        > 1e-5
+    )
     assert "tool error of soft: " in str(found)
 
 
@@ -210,7 +256,12 @@ def test_filters_of_the_torque_are_inverted(solved):
 
 
 def recorded(
-    model: flexgen.RobotModel, servo: OwnServo, q_a: np.ndarray, seconds: float, latency: float, folder: Path
+    model: flexgen.RobotModel,
+    servo: OwnServo,
+    q_a: np.ndarray,
+    seconds: float,
+    latency: float,
+    folder: Path,
 ) -> Path:
     """A CSV file of commands each 4 ms and measured joints, of a robot in MuJoCo; noise of the motors 1e-4 rad."""
     rng, t = np.random.default_rng(3), 4e-3 * np.arange(round(seconds / 4e-3))
@@ -219,17 +270,27 @@ def recorded(
     moved = np.zeros((len(t), model.n_g))
     for j in range(model.n_g):
         for hz in rng.uniform(0.3, 4.0, 12):
-            moved[:, j] += 0.08 * rng.normal() / hz * np.sin(2 * np.pi * hz * t + rng.uniform(0, 6.28))
+            moved[:, j] += (
+                0.08 * rng.normal() / hz * np.sin(2 * np.pi * hz * t + rng.uniform(0, 6.28))
+            )
     command = home + window[:, None] * moved
     robot, rows = InMujoco(model, q_a, servo.start), command @ model.eta.T
-    at, _, motors = robot.follow(servo, lambda s: position_at(t + latency, rows, s, "linear"), 0.0, seconds)
+    at, _, motors = robot.follow(
+        servo, lambda s: position_at(t + latency, rows, s, "linear"), 0.0, seconds
+    )
     motors = motors + 1e-4 * rng.standard_normal(motors.shape)
     angle = np.array([np.interp(t, at, x) for x in motors.T]).T @ np.linalg.inv(model.eta).T
     names = [model.coordinates[i].name for i in model.i_g]
-    head = ["time_ms", *(f"{name}_command_deg" for name in names), *(f"{name}_deg" for name in names)]
+    head = [
+        "time_ms",
+        *(f"{name}_command_deg" for name in names),
+        *(f"{name}_deg" for name in names),
+    ]
     table = np.column_stack([1e3 * t, np.rad2deg(command), np.rad2deg(angle)])
     file = folder / "record.csv"
-    file.write_text("\n".join([",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in table)]) + "\n")
+    file.write_text(
+        "\n".join([",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in table)]) + "\n"
+    )
     return file
 
 
@@ -238,24 +299,40 @@ def test_a_servo_identified_from_ten_seconds_leaves_five_percent(solved, tmp_pat
     """Its gains are 0.75 to 1.4 of those where the search begins; the record comes from MuJoCo."""
     model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
     usual = flexgen.command_positions(model, solution=solved["planar5_nmp"], progress=False)
-    k = [np.asarray(x) for x in (usual.run.law.position_gain, usual.run.law.speed_gain, usual.run.law.integral_gain)]
+    k = [
+        np.asarray(x)
+        for x in (
+            usual.run.law.position_gain,
+            usual.run.law.speed_gain,
+            usual.run.law.integral_gain,
+        )
+    ]
     true = {
         "k_p": k[0] * [0.75, 1.3], "k_v": k[1] * [1.4, 0.8], "k_i": k[2] * [1.2, 0.9], "feedforward": 0.85,
         "filter_s": 2.5e-3,
     }  # fmt: skip
     servo = servo_of(usual, usual.run.law, **true)
-    fit = flexgen.identify_servo(model, recorded(model, servo, path["q_a"][0], 10.0, 3e-3, tmp_path), progress=False)
+    fit = flexgen.identify_servo(
+        model, recorded(model, servo, path["q_a"][0], 10.0, 3e-3, tmp_path), progress=False
+    )
     assert fit.problem == "" and fit.latency_s == pytest.approx(3e-3, abs=1e-4)
     for gain, sd, wanted in zip(
-        ("position_gain", "speed_gain", "integral_gain"), fit.gain_sd, list(true.values())[:3], strict=True
+        ("position_gain", "speed_gain", "integral_gain"),
+        fit.gain_sd,
+        list(true.values())[:3],
+        strict=True,
     ):
         error = np.asarray(getattr(fit.servo.feedback, gain)) / wanted - 1
         assert (np.abs(error) < 0.02).all() and (np.abs(error) < 5 * sd + 2e-3).all()
     read = flexgen.Servo.read(fit.save(tmp_path / "servo.toml"))
-    found = flexgen.command_positions(model, solution=solved["planar5_nmp"], servo=read, progress=False)
+    found = flexgen.command_positions(
+        model, solution=solved["planar5_nmp"], servo=read, progress=False
+    )
     today = flexgen.solve(model, progress=False).trajectory
     edges = 4e-3 * np.arange(int(today.time[-1] / 4e-3) + 2)
-    angles = today.at(np.clip(edges, today.time[0], today.time[-1]))["q_m"] @ np.linalg.inv(model.eta).T
+    angles = (
+        today.at(np.clip(edges, today.time[0], today.time[-1]))["q_m"] @ np.linalg.inv(model.eta).T
+    )
     before = error_with(usual, edges, angles, **true)
     assert error_in_mujoco(found, tmp_path, **{**true}) < 0.05 * before
     assert error_in_mujoco(usual, tmp_path, **true) > 0.05 * before  # without identification
@@ -269,7 +346,9 @@ def test_a_servo_of_another_structure_is_said_not_to_fit(solved, tmp_path):
     servo = servo_of(usual, usual.run.law)
     file = recorded(model, servo, path["q_a"][0], 4.0, 0.0, tmp_path)
     record = flexgen.ServoRecord.read(file, model)
-    wrong = flexgen.ServoRecord(record.time, record.command, record.angle[:1] + 0.3 * np.sin(9 * record.time)[:, None])
+    wrong = flexgen.ServoRecord(
+        record.time, record.command, record.angle[:1] + 0.3 * np.sin(9 * record.time)[:, None]
+    )
     assert "another structure" in flexgen.identify_servo(model, wrong, progress=False).problem
 
 
@@ -295,12 +374,30 @@ def test_bad_arguments_of_commands(solved, given, message):
     ("lines", "message"),
     [
         ("t,q1_deg\n", r"record.csv:1: given the columns t, q1_deg, expected time_s or time_ms"),
-        ("time_s,q1_command_deg,q1_deg\n", r"record.csv:1: given no column q2_command_rad or q2_command_deg"),
-        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,x,1,1\n", r"record.csv:2: q2_command_deg: given 'x'"),
-        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,1\n", r"given 1 rows, expected 100"),
-        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,nan\n", r"record.csv:2: q2_deg: given 'nan'"),
-        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,5,1\n", r":2: given 6 cells, expected 5,"),
-        ("time_s;q1_command_deg;q1_deg\n0;1,5;1\n", r"expected time_s or time_ms and commas between the columns"),
+        (
+            "time_s,q1_command_deg,q1_deg\n",
+            r"record.csv:1: given no column q2_command_rad or q2_command_deg",
+        ),
+        (
+            "time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,x,1,1\n",
+            r"record.csv:2: q2_command_deg: given 'x'",
+        ),
+        (
+            "time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,1\n",
+            r"given 1 rows, expected 100",
+        ),
+        (
+            "time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,nan\n",
+            r"record.csv:2: q2_deg: given 'nan'",
+        ),
+        (
+            "time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,5,1\n",
+            r":2: given 6 cells, expected 5,",
+        ),
+        (
+            "time_s;q1_command_deg;q1_deg\n0;1,5;1\n",
+            r"expected time_s or time_ms and commas between the columns",
+        ),
     ],
 )
 def test_bad_records(tmp_path, lines, message):
@@ -317,7 +414,9 @@ def test_records_that_do_not_move_or_begin_in_motion():
     moving = np.sin(t)[:, None] * [1.0, 1.0]
     with pytest.raises(ArgumentError, match="begins at rest"):
         flexgen.identify_servo("elbow", flexgen.ServoRecord(t, moving, moving), progress=False)
-    with pytest.raises(ArgumentError, match=r"in time at row 102, 0.104 s after the row before, .* rows, 0.004 s"):
+    with pytest.raises(
+        ArgumentError, match=r"in time at row 102, 0.104 s after the row before, .* rows, 0.004 s"
+    ):
         flexgen.ServoRecord(np.where(t > 0.4, t + 0.1, t), still, still)
     with pytest.raises(ArgumentError, match=r"given 4 s between two rows.*column time_ms"):
         flexgen.ServoRecord(1000.0 * t, still, still)
@@ -325,14 +424,28 @@ def test_records_that_do_not_move_or_begin_in_motion():
 
 def test_records_in_other_units_are_refused():
     """Degrees in columns of radians, and angles of motors, which begin at rest."""
-    t, ratios = 4e-3 * np.arange(200), np.ravel([m.ratio for m in flexgen.read("planar5_nmp").motors])
+    t, ratios = (
+        4e-3 * np.arange(200),
+        np.ravel([m.ratio for m in flexgen.read("planar5_nmp").motors]),
+    )
     moved = np.array([0.3, -1.1]) + 0.1 * np.clip(t - 0.2, 0.0, 1.0)[:, None] ** 2 * [1.0, 1.0]
-    with pytest.raises(ArgumentError, match="given angles of q1 that move 100 times as far as its commands"):
-        flexgen.identify_servo("planar5_nmp", flexgen.ServoRecord(t, moved, ratios * moved), progress=False)
+    with pytest.raises(
+        ArgumentError, match="given angles of q1 that move 100 times as far as its commands"
+    ):
+        flexgen.identify_servo(
+            "planar5_nmp", flexgen.ServoRecord(t, moved, ratios * moved), progress=False
+        )
     degrees = flexgen.ServoRecord(t, np.rad2deg(moved), np.rad2deg(moved))
-    limits = {f"element.arm1.dof.q1.{key}": value for key, value in (("lower_deg", -90.0), ("upper_deg", 90.0))}
-    with pytest.raises(ArgumentError, match=r"given commands of q1 from 17.19 to .* rad, all beyond its limits"):
-        flexgen.identify_servo(flexgen.read("planar5_nmp", overrides=limits), degrees, progress=False)
+    limits = {
+        f"element.arm1.dof.q1.{key}": value
+        for key, value in (("lower_deg", -90.0), ("upper_deg", 90.0))
+    }
+    with pytest.raises(
+        ArgumentError, match=r"given commands of q1 from 17.19 to .* rad, all beyond its limits"
+    ):
+        flexgen.identify_servo(
+            flexgen.read("planar5_nmp", overrides=limits), degrees, progress=False
+        )
 
 
 # --- the servo of a model file ----------------------------------------------------------------------------------------
@@ -345,7 +458,9 @@ def test_a_robot_carries_its_servo(tmp_path):
     file.write_text(TABLE)
     robot = with_servo(tmp_path, TABLE)
     found = flexgen.command_positions(robot, **given)
-    assert np.array_equal(found.joint, flexgen.command_positions("planar5_nmp", servo=str(file), **given).joint)
+    assert np.array_equal(
+        found.joint, flexgen.command_positions("planar5_nmp", servo=str(file), **given).joint
+    )
     assert found.tool_error_max_m < 2e-6
     check_numbers("commands", 1e-5, joint=found.joint, figures=found.to_dict())
     usual = flexgen.command_positions("planar5_nmp", **given)
@@ -372,29 +487,43 @@ def test_columns_of_positions_drive_mujoco(tmp_path):
     gains = given.run.law
 
     def error(late: float = 0.0, **changes) -> float:
-        own = replace(OwnServo(*GAINS, given.run.reference.held[0], path["q_m"][0], 0.8, 0.003), **changes)
+        own = replace(
+            OwnServo(*GAINS, given.run.reference.held[0], path["q_m"][0], 0.8, 0.003), **changes
+        )
         arm = InMujoco(robot, path["q_a"][0], path["q_m"][0])
         command = lambda t: reference(np.clip(t - late, path.time[0], path.time[-1]))  # noqa: E731
         t, q_a, _ = arm.follow(own, command, ticks[inside][0], ticks[inside][-1])
         y = evaluate(flexgen.derive(robot).function("output"), q_a)[0].reshape(len(t), -1)
         return float(np.linalg.norm((y - path.at(t)["y_ref"])[:, :2], axis=1).max())
 
-    assert [gains.position_gain, gains.speed_gain, gains.integral_gain] == [pytest.approx(x) for x in GAINS]
+    assert [gains.position_gain, gains.speed_gain, gains.integral_gain] == [
+        pytest.approx(x) for x in GAINS
+    ]
     assert error() < 1e-6
     assert error(late=5e-4) > 2e-5
     assert error(k_v=GAINS[1][::-1]) > 1e-4
 
 
 def test_columns_of_a_model_without_servo_are_refused():
-    with pytest.raises(ArgumentError, match=r'command: given "position" for the model elbow without a servo, expected'):
+    with pytest.raises(
+        ArgumentError,
+        match=r'command: given "position" for the model elbow without a servo, expected',
+    ):
         flexgen.solve("elbow", command="position", progress=False)
-    plain, other = (flexgen.solve("elbow", progress=False, **x).trajectory for x in ({}, {"command": "torque"}))
-    assert all(np.array_equal(plain[name], other[name]) for name in plain.channels) and "command_m" not in plain
+    plain, other = (
+        flexgen.solve("elbow", progress=False, **x).trajectory for x in ({}, {"command": "torque"})
+    )
+    assert (
+        all(np.array_equal(plain[name], other[name]) for name in plain.channels)
+        and "command_m" not in plain
+    )
 
 
 @pytest.mark.slow
 def test_identification_begins_with_the_servo_of_the_model(tmp_path):
-    robot = flexgen.read(with_servo(tmp_path, TABLE.replace("delay = 0.0005", "sample_time = 0.001")))
+    robot = flexgen.read(
+        with_servo(tmp_path, TABLE.replace("delay = 0.0005", "sample_time = 0.001"))
+    )
     run = flexgen.command_positions(robot, progress=False).today
     joints = np.linalg.inv(run.model.eta).T
     record = flexgen.ServoRecord(
@@ -402,7 +531,9 @@ def test_identification_begins_with_the_servo_of_the_model(tmp_path):
     )
     found = flexgen.identify_servo(robot, record, progress=False)
     assert found.servo.sample_time == 0.001 and len(found.servo.feedback.filters) == 2
-    gains = [getattr(found.servo.feedback, f"{kind}_gain") for kind in ("position", "speed", "integral")]
+    gains = [
+        getattr(found.servo.feedback, f"{kind}_gain") for kind in ("position", "speed", "integral")
+    ]
     assert_allclose(gains, GAINS, rtol=1e-6)
     assert found.unexplained.max() < 1e-9 and found.latency_s < 1e-9
 
@@ -410,7 +541,11 @@ def test_identification_begins_with_the_servo_of_the_model(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[30.0, 25.0]", "[30.0]", r"servo.position_gain: given \[30.0\], expected a list of 2 numbers"),
+        (
+            "[30.0, 25.0]",
+            "[30.0]",
+            r"servo.position_gain: given \[30.0\], expected a list of 2 numbers",
+        ),
         ("[1.5, 0.4]", "[1.5, 0.0]", r"servo.speed_gain: given \[1.5, 0.0\], expected numbers > 0"),
         (
             "[6.0, 6.0]",
@@ -419,7 +554,11 @@ def test_identification_begins_with_the_servo_of_the_model(tmp_path):
         ),
         ('"cascade"', '"linear"', r"servo.type: given \"linear\", expected one of cascade, ppi"),
         ("delay", "late", r"servo.late"),
-        ("speed_feedforward = 0.8", "speed_feedforward = 2.8", r"servo.speed_feedforward: given 2.8"),
+        (
+            "speed_feedforward = 0.8",
+            "speed_feedforward = 2.8",
+            r"servo.speed_feedforward: given 2.8",
+        ),
     ],
 )
 def test_wrong_tables_of_servos(tmp_path, old, new, message):

@@ -33,7 +33,8 @@ from flexgen.servo.servo import servo_of
 
 pytestmark = needs_compiler
 H = 5e-4  # s, of the servo
-FILTERED = 1e-5  # of the torques of a servo with filters: the series of their inverse ends, plans of a stream change
+# of the torques of a servo with filters: the series of their inverse ends, plans of a stream change
+FILTERED = 1e-5
 PERIOD, EACH, INTERVALS = 5e-3, 10, 100  # of a stream: update, samples, horizon
 NAMES = ("command_m", "command_g", "tau_m", "q_m", "q_a")
 FILTERS = """
@@ -54,7 +55,10 @@ PLANTED_IN_FILTERS = {
 PLANTED = {
     "integral part": ("sum[j] = (sum[j] + (w", "sum[j] = (0.0 * sum[j] + (w"),
     "delay": ("reference[j] = (filtered[j]", "reference[j] = (before"),
-    "order": ("copy(o->speed_gain, NM, c + SERVO_GAINS + NM)", "copy(o->speed_gain, 1, c + SERVO_GAINS + 2 * NM - 1)"),
+    "order": (
+        "copy(o->speed_gain, NM, c + SERVO_GAINS + NM)",
+        "copy(o->speed_gain, 1, c + SERVO_GAINS + 2 * NM - 1)",
+    ),
 }
 
 
@@ -62,12 +66,15 @@ def library_of(model: flexgen.RobotModel, folder: Path) -> Library:
     return flexgen.load(flexgen.generate(model, folder / "library", parts=["position"]).directory)
 
 
-def samples_of(model: flexgen.RobotModel, period: float, after: int = 0) -> tuple[Any, list[np.ndarray]]:
+def samples_of(
+    model: flexgen.RobotModel, period: float, after: int = 0
+) -> tuple[Any, list[np.ndarray]]:
     """A move and samples of its output with two derivatives, at rest after it."""
     move = flexgen.plan(model)
     n = round(move.duration / period) + 1
     rows = [
-        np.vstack([x, np.tile(x[-1:], (after, 1))]) for x in samples(Reduction(flexgen.derive(model)), move, period, n)
+        np.vstack([x, np.tile(x[-1:], (after, 1))])
+        for x in samples(Reduction(flexgen.derive(model)), move, period, n)
     ]
     for x in rows[1:]:
         x[n - 1 :] = 0.0
@@ -76,7 +83,13 @@ def samples_of(model: flexgen.RobotModel, period: float, after: int = 0) -> tupl
 
 def inverted(model: flexgen.RobotModel, library: Library, **more: Any) -> Any:
     move, path = samples_of(model, H)
-    given = {"period": H, "q_start": move.q_start, "n_pre": 400, "n_post": 1200, "samples_per_interval": 10}
+    given = {
+        "period": H,
+        "q_start": move.q_start,
+        "n_pre": 400,
+        "n_post": 1200,
+        "samples_per_interval": 10,
+    }
     return library.invert(*path, **given, servo=True, **more)
 
 
@@ -128,7 +141,9 @@ def test_the_servo_of_textbooks_sends_the_torques(robot: Any, find: Callable[...
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PLANTED)
-def test_planted_errors_are_found(robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_planted_errors_are_found(
+    robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     texts, (old, new) = clib_files.read_clib(), PLANTED[name]
     assert texts["servo.h"].count(old) == 1
     wrong = texts | {"servo.h": texts["servo.h"].replace(old, new)}
@@ -142,26 +157,39 @@ def test_planted_errors_are_found(robot: Any, tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize("feedforward", [0.0, 1.0])
 @pytest.mark.parametrize("filter_s", [0.0, 0.004])
 @pytest.mark.parametrize("integral", [0.0, 9.0])
-def test_other_servos_at_run_time(robot: Any, feedforward: float, filter_s: float, integral: float) -> None:
+def test_other_servos_at_run_time(
+    robot: Any, feedforward: float, filter_s: float, integral: float
+) -> None:
     """A motor without an integral part holds the arm by an offset of its reference."""
     model, library = robot
     own = [np.array([20.0, 40.0]), np.array([3.0, 0.6]), np.array([integral, 2.0])]
     members = dict(zip(("position_gain", "speed_gain", "integral_gain"), own, strict=True))
     late = {"speed_feedforward": feedforward, "reference_filter": filter_s, "delay": 1.5 * H}
     move, path = samples_of(model, H)
-    given = {"period": H, "q_start": move.q_start, "n_pre": 400, "n_post": 1200, "samples_per_interval": 10}
+    given = {
+        "period": H,
+        "q_start": move.q_start,
+        "n_pre": 400,
+        "n_post": 1200,
+        "samples_per_interval": 10,
+    }
     found = library.invert(*path, **given, servo=members | late)
     hold = library.invert(*path, **given).tau_m[0]
     offset = np.where(own[2] > 0.0, 0.0, hold / (own[0] * own[1]))
     servo = OwnServo(*own, hold, found.q_m[0], feedforward, filter_s, H)
-    sent = np.array([servo.torque(r - offset, q) for r, q in zip(found.command_m, found.q_m, strict=True)])
+    sent = np.array(
+        [servo.torque(r - offset, q) for r, q in zip(found.command_m, found.q_m, strict=True)]
+    )
     np.testing.assert_allclose(sent, found.tau_m, rtol=0, atol=1e-8)
 
 
 def test_a_solution_has_the_same_columns(robot: Any) -> None:
     """The torques of both come from other interpolations of the motion."""
     model, library = robot
-    found, path = inverted(model, library), flexgen.solve(model, command="position", progress=False).trajectory
+    found, path = (
+        inverted(model, library),
+        flexgen.solve(model, command="position", progress=False).trajectory,
+    )
     inside = (found.t >= path.time[0]) & (found.t <= path.time[-1])
     wanted = path.at(found.t[inside])["command_m"]
     np.testing.assert_allclose(found.command_m[inside], wanted, rtol=0, atol=1e-6)
@@ -173,12 +201,16 @@ def test_results_without_a_servo_are_those_of_other_libraries(robot: Any, tmp_pa
     move, path = samples_of(model, H)
     given = {"period": H, "q_start": move.q_start, "n_pre": 400, "n_post": 800, "hold": "zoh"}
     one, two = (x.invert(*path, **given) for x in (library, other))
-    assert one.command_m is None and all(np.array_equal(getattr(one, x), getattr(two, x)) for x in ("q_m", "tau_m"))
+    assert one.command_m is None and all(
+        np.array_equal(getattr(one, x), getattr(two, x)) for x in ("q_m", "tau_m")
+    )
     assert np.array_equal(one.tau_m, library.invert(*path, **given, servo=True).tau_m)
 
 
 @pytest.mark.parametrize("which", ["robot", "filtering"])
-def test_memory_of_a_stream_is_that_of_its_macro(request: pytest.FixtureRequest, which: str) -> None:
+def test_memory_of_a_stream_is_that_of_its_macro(
+    request: pytest.FixtureRequest, which: str
+) -> None:
     """With the largest delay of a hold; the macro of the public header is a bound that is not far away."""
     _, library = request.getfixturevalue(which)
     text = (library.directory / "planar5_nmp_inversion.h").read_text()
@@ -186,10 +218,20 @@ def test_memory_of_a_stream_is_that_of_its_macro(request: pytest.FixtureRequest,
     assert found is not None
     constant, per_interval, per_sample = map(int, re.findall(r"INT64_C\((\d+)\)", found[1]))
     assert library.streams is not None
-    options = library.streams.structs["stream_options"](period=1e-3, tolerance=1e-6, hold=2, delay=4.0)
-    for options.intervals, options.samples_per_interval in ((1, 1), (1, 7), (10, 5), (100, 20), (513, 2)):
+    options = library.streams.structs["stream_options"](
+        period=1e-3, tolerance=1e-6, hold=2, delay=4.0
+    )
+    for options.intervals, options.samples_per_interval in (
+        (1, 1),
+        (1, 7),
+        (10, 5),
+        (100, 20),
+        (513, 2),
+    ):
         needed = int(library.streams.work(ctypes.byref(options)))
-        bound = constant + per_interval * options.intervals + per_sample * options.samples_per_interval
+        bound = (
+            constant + per_interval * options.intervals + per_sample * options.samples_per_interval
+        )
         assert needed <= bound <= 1.15 * needed + 2500
 
 
@@ -199,12 +241,16 @@ def test_memory_of_a_stream_is_that_of_its_macro(request: pytest.FixtureRequest,
 @pytest.fixture(scope="module")
 def filtering(tmp_path_factory: pytest.TempPathFactory) -> tuple[flexgen.RobotModel, Library]:
     folder = tmp_path_factory.mktemp("filters")
-    model = replace(robot_of("planar5_nmp"), servo=flexgen.read(with_servo(folder, PLAIN + FILTERS)).servo)
+    model = replace(
+        robot_of("planar5_nmp"), servo=flexgen.read(with_servo(folder, PLAIN + FILTERS)).servo
+    )
     return model, library_of(model, folder)
 
 
 @pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
-def test_a_servo_that_filters_its_torque_sends_the_torques(filtering: Any, find: Callable[..., Any]) -> None:
+def test_a_servo_that_filters_its_torque_sends_the_torques(
+    filtering: Any, find: Callable[..., Any]
+) -> None:
     model, library = filtering
     found = find(model, library)
     assert miss(found, filters=SECTIONS) < FILTERED
@@ -213,7 +259,9 @@ def test_a_servo_that_filters_its_torque_sends_the_torques(filtering: Any, find:
 
 
 @pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
-def test_mujoco_with_filters_of_the_torque_follows_the_path(filtering: Any, find: Callable[..., Any]) -> None:
+def test_mujoco_with_filters_of_the_torque_follows_the_path(
+    filtering: Any, find: Callable[..., Any]
+) -> None:
     model, library = filtering
     found = find(model, library)
     assert error_in_mujoco(model, found, filters=SECTIONS) < 2e-6
@@ -238,7 +286,9 @@ def test_filters_hold_for_the_sample_time_of_the_model_file(filtering: Any) -> N
     model, library = filtering
     move, path = samples_of(model, 1e-3)
     with pytest.raises(ArgumentError, match="out of range"):
-        library.invert(*path, period=1e-3, q_start=move.q_start, n_pre=400, servo={"sample_time": 1e-3})
+        library.invert(
+            *path, period=1e-3, q_start=move.q_start, n_pre=400, servo={"sample_time": 1e-3}
+        )
 
 
 # --- the robot --------------------------------------------------------------------------------------------------------
@@ -247,10 +297,14 @@ def test_filters_hold_for_the_sample_time_of_the_model_file(filtering: Any) -> N
 def error_in_mujoco(model: flexgen.RobotModel, found: Any, delay: int = 0, **changes: Any) -> float:
     """Largest distance [m] of the tool from the path, of a robot that gets a command at each sample of its servo."""
     t, hold = found.t, found.tau_m[0]  # at rest
-    servo = OwnServo(*changes.pop("gains", GAINS), hold, found.q_m[0], 0.8, 0.003, H, changes.pop("filters", ()))
+    servo = OwnServo(
+        *changes.pop("gains", GAINS), hold, found.q_m[0], 0.8, 0.003, H, changes.pop("filters", ())
+    )
     arm = InMujoco(model, found.q_a[0], found.q_m[0])
     rows = np.vstack([found.command_m[:1]] * (delay + 1) + [found.command_m])[1:]
-    at, q_a, _ = arm.follow(servo, lambda s: rows[round((s - t[0]) / H)], t[0], t[0] + H * (len(t) - 1))
+    at, q_a, _ = arm.follow(
+        servo, lambda s: rows[round((s - t[0]) / H)], t[0], t[0] + H * (len(t) - 1)
+    )
     y = evaluate(flexgen.derive(model).function("output"), q_a)[0].reshape(len(at), -1)
     move = flexgen.plan(model)
     wanted = move.sample(np.clip(at, 0.0, move.duration)).y[:, :, 0]
@@ -259,7 +313,9 @@ def error_in_mujoco(model: flexgen.RobotModel, found: Any, delay: int = 0, **cha
 
 
 @pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
-def test_mujoco_with_the_commands_of_c_follows_the_path(robot: Any, find: Callable[..., Any]) -> None:
+def test_mujoco_with_the_commands_of_c_follows_the_path(
+    robot: Any, find: Callable[..., Any]
+) -> None:
     model, library = robot
     found = find(model, library)
     assert error_in_mujoco(model, found) < 2e-6
@@ -269,13 +325,21 @@ def test_mujoco_with_the_commands_of_c_follows_the_path(robot: Any, find: Callab
 
 @pytest.mark.slow
 @pytest.mark.parametrize("filters", ["", FILTERS], ids=["plain", "filters"])
-def test_mujoco_with_commands_in_single_precision_follows_the_path(tmp_path: Path, filters: str) -> None:
+def test_mujoco_with_commands_in_single_precision_follows_the_path(
+    tmp_path: Path, filters: str
+) -> None:
     """0.5 to 0.7 um measured; planted: positions with three digits."""
-    model = replace(robot_of("planar5_nmp"), servo=flexgen.read(with_servo(tmp_path, PLAIN + filters)).servo)
-    library = flexgen.load(flexgen.generate(model, tmp_path / "s", parts=["position"], precision="single").directory)
+    model = replace(
+        robot_of("planar5_nmp"), servo=flexgen.read(with_servo(tmp_path, PLAIN + filters)).servo
+    )
+    library = flexgen.load(
+        flexgen.generate(model, tmp_path / "s", parts=["position"], precision="single").directory
+    )
     own: dict[str, Any] = {"filters": SECTIONS} if filters else {}
     for found in (inverted(model, library), streamed(model, library)):
-        exact = SimpleNamespace(t=found.t, **{name: np.asarray(getattr(found, name), float) for name in NAMES})
+        exact = SimpleNamespace(
+            t=found.t, **{name: np.asarray(getattr(found, name), float) for name in NAMES}
+        )
         assert found.command_m.dtype == np.float32 and error_in_mujoco(model, exact, **own) < 2e-6
         exact.command_m = exact.command_m.astype(np.float16).astype(float)
         assert error_in_mujoco(model, exact, **own) > 1e-5
@@ -286,11 +350,17 @@ def test_mujoco_with_commands_in_single_precision_follows_the_path(tmp_path: Pat
 @pytest.mark.full
 def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     usual = flexgen.command_positions(robot_of("manutec_r3_18"), progress=False)
-    gains = [np.asarray(getattr(usual.run.law, x)) for x in ("position_gain", "speed_gain", "integral_gain")]
+    gains = [
+        np.asarray(getattr(usual.run.law, x))
+        for x in ("position_gain", "speed_gain", "integral_gain")
+    ]
     rows = zip(("position_gain", "speed_gain", "integral_gain"), gains, strict=True)
     table = 'type = "cascade"\nspeed_feedforward = 0.8\nreference_filter_s = 0.003\n'
     table += "".join(f"{name} = {list(map(float, x))}\n" for name, x in rows)
-    model = replace(robot_of("manutec_r3_18"), servo=flexgen.read(with_servo(tmp_path, table, "manutec_r3_18")).servo)
+    model = replace(
+        robot_of("manutec_r3_18"),
+        servo=flexgen.read(with_servo(tmp_path, table, "manutec_r3_18")).servo,
+    )
     library = library_of(model, tmp_path)
     found = inverted(model, library)
     assert error_in_mujoco(model, found, gains=gains) < 2e-6
@@ -327,10 +397,16 @@ def test_servos_that_c_does_not_have(tmp_path: Path, table: str, message: str) -
         ({"servo": {"integral_gain": [-1.0, 1.0]}}, "out of range"),
         ({"servo": {"position_gain": [float("nan"), 1.0]}}, "out of range"),
         ({"servo": {"speed_feedforward": 2.5}}, "out of range"),
-        ({"servo": {"position_gain": [1.0]}}, r"servo position_gain: given shape \(1,\), expected \(2\)"),
+        (
+            {"servo": {"position_gain": [1.0]}},
+            r"servo position_gain: given shape \(1,\), expected \(2\)",
+        ),
         ({"servo": {"gain": 1.0}}, "servo: given 'gain', expected one of position_gain"),
         ({"servo": "ppi"}, "servo: given 'ppi', expected True or a mapping"),
-        ({"servo": {"sample_time": 1e-3}}, "period: given samples of the results 0.0005 s apart, expected 0.001 s"),
+        (
+            {"servo": {"sample_time": 1e-3}},
+            "period: given samples of the results 0.0005 s apart, expected 0.001 s",
+        ),
         ({"servo": True, "hold": "linear"}, "hold: given 'linear' .* expected its own"),
         ({"servo": {"delay": 5 * H}}, "out of range"),
     ],
@@ -343,14 +419,23 @@ def test_servos_that_do_not_fit(robot: Any, more: dict[str, Any], message: str) 
 
 
 @pytest.mark.slow
-def test_streams_in_motion_and_libraries_without_positions_take_no_servo(robot: Any, tmp_path: Path) -> None:
+def test_streams_in_motion_and_libraries_without_positions_take_no_servo(
+    robot: Any, tmp_path: Path
+) -> None:
     model, library = robot
     move, (y, dy, ddy) = samples_of(model, PERIOD)
-    given: dict[str, Any] = {"period": PERIOD, "intervals": 20, "samples_per_interval": EACH, "servo": True}
+    given: dict[str, Any] = {
+        "period": PERIOD,
+        "intervals": 20,
+        "samples_per_interval": EACH,
+        "servo": True,
+    }
     with pytest.raises(ArgumentError, match="given a stream in motion, expected one at rest"):
         library.stream(y[:36], move.q_start, dy=dy[:36], ddy=ddy[:36], **given)
     plain = flexgen.load(flexgen.generate("elbow", tmp_path / "elbow").directory)
-    with pytest.raises(ArgumentError, match=r"servo: given to a library without positions, .*parts=\['position'\]"):
+    with pytest.raises(
+        ArgumentError, match=r"servo: given to a library without positions, .*parts=\['position'\]"
+    ):
         plain.stream(np.zeros(2), np.zeros(2), **given)
 
 
@@ -360,7 +445,9 @@ def test_other_libraries_have_no_trace_of_it() -> None:
         assert name in ("servo.h", "position_samples.c") or not any(
             word in clib_files.render(text, "arm") for word in words
         ), name
-    assert "give_commands" in clib_files.render(clib_files.read_clib()["whole_path.h"], "arm", parts=["POSITION"])
+    assert "give_commands" in clib_files.render(
+        clib_files.read_clib()["whole_path.h"], "arm", parts=["POSITION"]
+    )
 
 
 # --- samples for an interface -----------------------------------------------------------------------------------------
@@ -368,7 +455,9 @@ def test_other_libraries_have_no_trace_of_it() -> None:
 
 @pytest.mark.parametrize("interpolation", ["hold", "linear", "cubic"])
 @pytest.mark.parametrize("period", [H, 4e-3, 7.5e-3])
-def test_samples_for_an_interface_are_those_of_python(robot: Any, interpolation: Any, period: float) -> None:
+def test_samples_for_an_interface_are_those_of_python(
+    robot: Any, interpolation: Any, period: float
+) -> None:
     """By the sparse solver of SciPy and a basis that a test compares with its interpolations; the last is not whole."""
     model, library = robot
     found = inverted(model, library)
@@ -378,11 +467,15 @@ def test_samples_for_an_interface_are_those_of_python(robot: Any, interpolation:
     B = basis(found.t, edges, interpolation)
     np.testing.assert_allclose(positions, fit_samples(B, found.command_g), rtol=0, atol=1e-9)
     off = np.abs(B @ positions - found.command_g).max()
-    least = np.abs(B @ (positions + 1e-4 * np.sin(np.arange(len(positions)))[:, None]) - found.command_g).max()
+    least = np.abs(
+        B @ (positions + 1e-4 * np.sin(np.arange(len(positions)))[:, None]) - found.command_g
+    ).max()
     assert off < least
 
 
-def error_of_table(model: flexgen.RobotModel, library: Library, gains: Any = GAINS, late: float = 0.0) -> float:
+def error_of_table(
+    model: flexgen.RobotModel, library: Library, gains: Any = GAINS, late: float = 0.0
+) -> float:
     """Largest distance [m] of the tool in MuJoCo, whose servo interpolates positions every 4 ms by straight lines."""
     move, path = samples_of(model, H)
     given = {"period": H, "q_start": move.q_start, "n_pre": 400, "samples_per_interval": 10}
@@ -410,9 +503,14 @@ def error_of_windows(
     commands = np.vstack([rest, found.command_g])
     count = (len(commands) - 1) // each - 2 * sides
     windows = (commands[j * each : (j + 2 * sides) * each + 1] for j in range(count))
-    rows = np.array([library.invert.positions(x, period=4e-3)[sides + off] for x in windows]) @ model.eta.T
+    rows = (
+        np.array([library.invert.positions(x, period=4e-3)[sides + off] for x in windows])
+        @ model.eta.T
+    )
     n = (count - 1) * each
-    sent = np.stack([np.interp(found.t[:n], found.t[0] + 4e-3 * np.arange(count), x) for x in rows.T], axis=1)
+    sent = np.stack(
+        [np.interp(found.t[:n], found.t[0] + 4e-3 * np.arange(count), x) for x in rows.T], axis=1
+    )
     cut = {name: getattr(found, name)[:n] for name in ("t", "tau_m", "q_m", "q_a")}
     return error_in_mujoco(model, SimpleNamespace(**cut, command_m=sent), gains=gains)
 
@@ -431,7 +529,10 @@ def test_wrong_interfaces(robot: Any) -> None:
     for given, message in (
         ({"period": 1.1e-3}, "expected a multiple of 0.0005 s"),
         ({"period": 1e-4}, "expected a multiple of 0.0005 s"),
-        ({"period": 4e-3, "interpolation": "spline"}, "given the interpolation 'spline', expected hold, linear, cubic"),
+        (
+            {"period": 4e-3, "interpolation": "spline"},
+            "given the interpolation 'spline', expected hold, linear, cubic",
+        ),
     ):
         with pytest.raises(ArgumentError, match=message):
             library.invert.positions(found, **given)

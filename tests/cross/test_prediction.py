@@ -24,7 +24,11 @@ ROBOTS = 200
 ALL = {"stiffness": 0.1, "friction": 0.2, "masses": 0.03, "motor_inertia": 0.05, "payload": 0.2}
 HEAVY = {"masses": 0.08, "common": ["masses"]}
 WEAKLY = {"parameters": ["q2.stiffness"], "sd": [0.7]}
-PAIR = {"parameters": ["q1.stiffness", "m1.inertia"], "sd": [0.05, 0.15], "correlation": [1.0, -0.9, -0.9, 1.0]}
+PAIR = {
+    "parameters": ["q1.stiffness", "m1.inertia"],
+    "sd": [0.05, 0.15],
+    "correlation": [1.0, -0.9, -0.9, 1.0],
+}
 INERTIA = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "yz", "xz")]
 # 200 robots: 95 % of them are inside with a standard deviation of 1.5 %
 LEAST, MOST = 0.92, 0.98
@@ -65,15 +69,23 @@ def drawn(given: dict[str, Any]) -> dict[str, dict[str, float]]:
             n = len(given["parameters"])
             matrix = np.array(given.get("correlation", np.eye(n))).reshape(n, n)
             for name, sd, z in zip(
-                given["parameters"], given["sd"], np.linalg.cholesky(matrix) @ rng.normal(size=n), strict=True
+                given["parameters"],
+                given["sd"],
+                np.linalg.cholesky(matrix) @ rng.normal(size=n),
+                strict=True,
             ):
-                robot[name] = float(np.exp(np.sqrt(np.log(1 + sd**2)) * z)) if sd > WEAK else 1.0 + sd * z
+                robot[name] = (
+                    float(np.exp(np.sqrt(np.log(1 + sd**2)) * z)) if sd > WEAK else 1.0 + sd * z
+                )
         out[f"r{k}"] = robot
     return out
 
 
 def simulate(
-    gains: Any, time: np.ndarray, plants: dict[str, dict[str, float]], of: flexgen.Solution | None = None
+    gains: Any,
+    time: np.ndarray,
+    plants: dict[str, dict[str, float]],
+    of: flexgen.Solution | None = None,
 ) -> tuple[flexgen.ControlRun, np.ndarray]:
     """The robots with a motor feedback, and their largest errors in a time [m]."""
     law = flexgen.Cascade(gains.position_gain, gains.speed_gain, gains.integral_gain)
@@ -110,7 +122,8 @@ def test_95_percent_of_the_robots_keep_the_error_and_planted_errors_are_seen(cas
     for k in (60, 110, 180):  # torques within their limits at an instant
         at = int(np.searchsorted(run.reference.time, found.time[k]))
         tau = np.array([robot.tau_m[at] for robot in run.runs[1:]])
-        slack = 1e-2 * np.ptp(found.torque.planned, axis=0)  # a torque that is held is that of the mean of its sample
+        # a torque that is held is that of the mean of its sample
+        slack = 1e-2 * np.ptp(found.torque.planned, axis=0)
         inside = (tau >= found.torque.low[k] - slack) & (tau <= found.torque.high[k] + slack)
         assert np.mean(inside, axis=0).min() > 0.9
 
@@ -135,10 +148,16 @@ def test_shares_are_those_of_single_sources():
     found = predicted(ALL)
     assert abs(sum(share.share for share in found.shares) - 1.0) < 1e-12
     assert all(share.share >= 0.0 for share in found.shares)
-    check_numbers("prediction", 1e-5, found=found.to_dict(), torque=found.torque, deflection=found.deflection)
+    check_numbers(
+        "prediction", 1e-5, found=found.to_dict(), torque=found.torque, deflection=found.deflection
+    )
     without = predicted({"parameters": ["q1.stiffness"], "sd": [0.0]} | ALL)
     assert found.shares[0].name == "q1.stiffness" and found.to_halve == ("q1.stiffness",)
-    assert without.error_m is not None and found.error_m is not None and without.error_m <= 0.55 * found.error_m
+    assert (
+        without.error_m is not None
+        and found.error_m is not None
+        and without.error_m <= 0.55 * found.error_m
+    )
 
 
 @pytest.mark.full
@@ -160,14 +179,22 @@ def test_the_fewest_sources_that_halve_the_error_are_found_one_by_one(count):
     """By trying 1, 2, 3, ... of the largest; sources of equal size, and of sizes that fall."""
     rng = np.random.default_rng(count)
     for sizes in (np.ones(count), 0.5 ** np.arange(count), np.r_[3.0, np.ones(count - 1)]):
-        rows, errors = rng.normal(size=(4, count, 2)) * sizes[:, None], rng.normal(size=(200, count))
+        rows, errors = (
+            rng.normal(size=(4, count, 2)) * sizes[:, None],
+            rng.normal(size=(200, count)),
+        )
         known: Any = SimpleNamespace(
-            names=[f"s{k}" for k in range(count)], kinds=["masses"] * count, sd=np.ones(count), root=np.eye(count)
+            names=[f"s{k}" for k in range(count)],
+            kinds=["masses"] * count,
+            sd=np.ones(count),
+            root=np.eye(count),
         )
         shares = prediction._shares(known, rows)
         total = np.array([(rows[:, k] ** 2).sum(axis=1) for k in range(count)])
         worst = total.sum(axis=0).argmax()
-        assert [share.share for share in shares] == pytest.approx(sorted(total[:, worst] / total[:, worst].sum())[::-1])
+        assert [share.share for share in shares] == pytest.approx(
+            sorted(total[:, worst] / total[:, worst].sum())[::-1]
+        )
         largest = [np.linalg.norm(np.einsum("r,krp->kp", e, rows), axis=1).max() for e in errors]
         assert prediction._largest(rows, errors) == pytest.approx(largest)
         half = np.quantile(largest, 0.95) / 2

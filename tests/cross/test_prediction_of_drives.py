@@ -17,7 +17,8 @@ from flexgen.uncertainty import bristle_states, response
 from flexgen.uncertainty.sources import sources_of
 
 pytestmark = needs_compiler
-PRESLIDING = 5e-3  # rad at the motor: softer bristles than usual, which the loop simulates in less time
+# rad at the motor: softer bristles than usual, which the loop simulates in less time
+PRESLIDING = 5e-3
 LATE_S = 2e-4
 LOAD = {
     "type": "gear",
@@ -31,15 +32,22 @@ LOAD = {
 
 def with_sums() -> flexgen.RobotModel:
     gears = {f"element.{x}.gear.transmission_error": ERROR for x in ("upper.dof.q1", "fore.dof.q2")}
-    return flexgen.read("elbow", overrides=gears | {f"motor.{m}.cogging": COGGING for m in ("m1", "m2")})
+    return flexgen.read(
+        "elbow", overrides=gears | {f"motor.{m}.cogging": COGGING for m in ("m1", "m2")}
+    )
 
 
 def with_load() -> flexgen.RobotModel:
-    return flexgen.read("elbow", overrides={f"motor.{m}.friction": LOAD for m in ("m1", "m2")} | {"temperature": 40.0})
+    return flexgen.read(
+        "elbow",
+        overrides={f"motor.{m}.friction": LOAD for m in ("m1", "m2")} | {"temperature": 40.0},
+    )
 
 
 def predicted(model: flexgen.RobotModel, **known: float) -> flexgen.Prediction:
-    return flexgen.predict(replace(model, uncertainty=Tolerances(**known)), robots=16, progress=False)
+    return flexgen.predict(
+        replace(model, uncertainty=Tolerances(**known)), robots=16, progress=False
+    )
 
 
 @pytest.mark.slow
@@ -66,7 +74,9 @@ def test_bristles_of_each_robot_are_those_of_the_loop(monkeypatch: pytest.Monkey
     assert robots.predicted() == pytest.approx(simulated, rel=0.02)
     made = bristle_states.bristles_of
     monkeypatch.setattr(
-        response, "bristles_of", lambda models, h: replace(x := made(models, h), stiffness=10.0 * x.stiffness)
+        response,
+        "bristles_of",
+        lambda models, h: replace(x := made(models, h), stiffness=10.0 * x.stiffness),
     )
     stiff = Drawn(found, 3)
     assert stiff.predicted() != pytest.approx(simulated, rel=0.1)

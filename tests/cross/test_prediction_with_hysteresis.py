@@ -27,7 +27,13 @@ def made(name: str, elements: Sequence[Element], known: Tolerances) -> flexgen.R
 
 @pytest.mark.parametrize(
     ("elements", "known"),
-    [(ONE, BOTH), *(pytest.param(x, Tolerances(lost_motion=0.3), marks=pytest.mark.slow) for x in (SLIPS, BENT))],
+    [
+        (ONE, BOTH),
+        *(
+            pytest.param(x, Tolerances(lost_motion=0.3), marks=pytest.mark.slow)
+            for x in (SLIPS, BENT)
+        ),
+    ],
 )
 def test_each_robot_has_the_error_of_the_loop(
     elements: Sequence[Element], known: Tolerances, monkeypatch: pytest.MonkeyPatch
@@ -52,13 +58,18 @@ def test_95_percent_of_robots_with_other_lost_motions_keep_the_error() -> None:
     """200 robots: 95 % of them are inside with a standard deviation of 1.5 %. Planted: half the standard deviation."""
     found = flexgen.predict(made("planar5_nmp", ONE, Tolerances(lost_motion=0.15)), progress=False)
     rng = np.random.default_rng(4711)
-    drawn = [{f"{joint}.lost_motion": 1.0 + 0.15 * rng.standard_normal() for joint in ("q1", "q2")} for _ in range(200)]
+    drawn = [
+        {f"{joint}.lost_motion": 1.0 + 0.15 * rng.standard_normal() for joint in ("q1", "q2")}
+        for _ in range(200)
+    ]
     errors = in_the_loop(found, drawn)
     assert found.error_m is not None
     assert 0.92 <= np.mean(errors <= found.error_m) <= 0.98
     assert found.shares[0].kind == "lost_motion"
     wrong = flexgen.predict(
-        made("planar5_nmp", ONE, Tolerances(lost_motion=0.075)), solution=found.solution, progress=False
+        made("planar5_nmp", ONE, Tolerances(lost_motion=0.075)),
+        solution=found.solution,
+        progress=False,
     )
     assert wrong.error_m is not None and np.mean(errors <= wrong.error_m) < 0.92
 
@@ -105,7 +116,8 @@ def test_derivatives_of_robots_are_those_of_their_states(monkeypatch: pytest.Mon
         np.testing.assert_allclose((more - torque) / 1e-6, slope[:, :, 0], rtol=1e-5, atol=1e-6)
         robots.keep(k, d[k])
         linear.keep(k, moved[k])
-    laws = [plan._law(errors), Curved([{"K": 0.7}])]  # from rest along the whole motion, less those of the plan
+    # from rest along the whole motion, less those of the plan
+    laws = [plan._law(errors), Curved([{"K": 0.7}])]
     y, robots = [np.zeros((4, 2, 3)), np.zeros((1, 2, 3))], plan.robots(errors)
     robots.start(d[0])
     for k in range(1, 9):
@@ -113,7 +125,9 @@ def test_derivatives_of_robots_are_those_of_their_states(monkeypatch: pytest.Mon
         after = [law.step(x, step) for law, x, step in zip(laws, y, steps, strict=True)]
         A, B = zip(*(law.weights for law in laws), strict=True)
         own, planned = ((A[n] * after[n] - B[n] * y[n]).sum(axis=1) for n in (0, 1))
-        np.testing.assert_allclose(robots.at(k, d[k])[0], (own - planned) @ rows, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            robots.at(k, d[k])[0], (own - planned) @ rows, rtol=1e-9, atol=1e-12
+        )
         robots.keep(k, d[k])
         y = after
     still = plan.robots(np.zeros((1, 2)))  # the robot of the plan has no torques in addition

@@ -51,23 +51,31 @@ def with_force(trajectory: Trajectory, values: np.ndarray, like: Trajectory) -> 
 def test_mujoco_with_the_force_follows_the_path(name):
     """Closed form (elbow) and lq (a non-minimum phase arm): 0.9 to 1.2 mm without the force in the torque."""
     equations = flexgen.derive(name)
-    solution = flexgen.solve(equations, force=milling(duration_of(equations), PLANE), progress=False)
+    solution = flexgen.solve(
+        equations, force=milling(duration_of(equations), PLANE), progress=False
+    )
     assert solution.status and solution.tool_error_max_m < 1e-7
     assert error_in_mujoco(equations, solution.trajectory) < 1e-7
-    assert error_in_mujoco(equations, solution.trajectory, sign=-1.0) > 1e-3  # planted: the other sign
+    # planted: the other sign
+    assert error_in_mujoco(equations, solution.trajectory, sign=-1.0) > 1e-3
 
 
 @pytest.mark.full
 def test_mujoco_of_six_axes_with_the_force():
     """The first part of the move: the force has grown to all of its size, and errors have not grown yet."""
-    equations = flexgen.derive(with_friction(flexgen.read("manutec_r3_24"), "viscous"))  # what MuJoCo has
+    # what MuJoCo has
+    equations = flexgen.derive(with_friction(flexgen.read("manutec_r3_24"), "viscous"))
     move = flexgen.plan(equations, ignore_limits=True)
     force = make_force(milling(move.duration), equations.model, move.duration)
     problem = InversionProblem(equations, move, force=force)  # MuJoCo is the only verification
     path = make_solution(problem, "lq", lq.solve(problem, 2.5e-3)).trajectory
     keep = path.time <= 0.35
     cut = Trajectory(
-        path.time[keep], {name: x[keep] for name, x in path.channels.items()}, path.ports, path.labels, path.meta
+        path.time[keep],
+        {name: x[keep] for name, x in path.channels.items()},
+        path.ports,
+        path.labels,
+        path.meta,
     )
     assert error_in_mujoco(equations, cut, step=2e-5) < 1e-7
     assert error_in_mujoco(equations, cut, sign=-1.0, step=2e-5) > 1e-4  # planted: the other sign
@@ -141,7 +149,8 @@ def test_planted_bugs_in_the_c_are_seen(tmp_path, monkeypatch, bug):
 @pytest.mark.parametrize("sign, steps", [("-=", 2), ("+=", 3)])
 def test_the_first_guess_has_the_response_to_the_force(tmp_path, monkeypatch, sign, steps):
     old = "sum -= load_v(&arm->W[i_e[i]][j][l]) * F[j];"
-    plant_in_c(monkeypatch, "whole_path.h", old, old.replace("-=", sign))  # planted: the opposite response
+    # planted: the opposite response
+    plant_in_c(monkeypatch, "whole_path.h", old, old.replace("-=", sign))
     equations = flexgen.derive("planar5_nmp")
     found, force = inverted(tmp_path / "made", equations, factor=4.0)
     gears, rows = rows_of(equations, found, force)
@@ -151,7 +160,9 @@ def test_the_first_guess_has_the_response_to_the_force(tmp_path, monkeypatch, si
 def test_libraries_without_the_part_have_no_trace_of_it():
     for text in map(clib_files.render, clib_files.read_clib().values(), ["arm"] * 100):
         assert not any(word in text for word in ("ARM_FORCE", "FORCE_OF", "_force", "->force"))
-    assert "take_force" in clib_files.render(clib_files.read_clib()["reduced_problem.h"], "arm", parts=["FORCE"])
+    assert "take_force" in clib_files.render(
+        clib_files.read_clib()["reduced_problem.h"], "arm", parts=["FORCE"]
+    )
 
 
 # --- statics, energy --------------------------------------------------------------------------------------------------
@@ -165,8 +176,13 @@ def test_a_small_constant_force_moves_the_held_tool_by_the_compliance(name):
         f = np.zeros(6)
         f[axis] = 1.0
         pushed = hold_motors(equations.pushed_by(f), rest.q_m, rest.q_a)
-        moved = [evaluate(equations.function("forward_kinematics"), q)[0][0].ravel() for q in (rest.q_a, pushed.q_a)]
-        np.testing.assert_allclose(moved[1] - moved[0], found.compliance.matrix[:3, axis], rtol=1e-3, atol=1e-10)
+        moved = [
+            evaluate(equations.function("forward_kinematics"), q)[0][0].ravel()
+            for q in (rest.q_a, pushed.q_a)
+        ]
+        np.testing.assert_allclose(
+            moved[1] - moved[0], found.compliance.matrix[:3, axis], rtol=1e-3, atol=1e-10
+        )
 
 
 def test_a_constant_force_is_held_before_and_after_the_move():
@@ -175,7 +191,9 @@ def test_a_constant_force_is_held_before_and_after_the_move():
     free = flexgen.solve(equations, progress=False)
     assert solution.tool_error_max_m < 1e-8
     for k in (0, -1):  # J' F through the gears, and the springs that it deflects
-        J = evaluate(equations.function("jacobian"), solution.trajectory["q_a"][k])[0][0].reshape(6, -1)
+        J = evaluate(equations.function("jacobian"), solution.trajectory["q_a"][k])[0][0].reshape(
+            6, -1
+        )
         axes = ["xyz".index(axis) for axis in equations.model.output.axes]
         more = solution.trajectory["tau_g"][k] - free.trajectory["tau_g"][k]
         expected = -(J[axes].T @ (200.0 * PLANE))[list(equations.model.i_g)]
@@ -187,18 +205,23 @@ def test_rounding_of_a_constant_force_needs_no_mesh():
     model, t = flexgen.read("elbow"), np.linspace(0.0, 1.0, 4001)
     wave = np.outer(np.sin(40.0 * t), [0.0, 0.0, 1.0])
     assert make_force(wave * 3e-13 - 200.0, model, 1.0).resolving == np.inf
-    assert make_force(wave * 1e-6 - 200.0, model, 1.0).resolving == pytest.approx(0.25 / 40.0, rel=0.05)
+    assert make_force(wave * 1e-6 - 200.0, model, 1.0).resolving == pytest.approx(
+        0.25 / 40.0, rel=0.05
+    )
 
 
 def test_the_energy_balance_has_the_power_of_the_force():
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, force=milling(duration_of(equations), PLANE), progress=False)
+    solution = flexgen.solve(
+        equations, force=milling(duration_of(equations), PLANE), progress=False
+    )
     assert solution.simulation.energy_error < 1e-9
     path = solution.trajectory
     v = np.gradient(path["y_ref"], path.time, axis=0)
     axes = ["xyz".index(axis) for axis in equations.model.output.axes]
     power = (path["force"][:, axes] * v).sum(axis=1)
-    assert np.ptp(np.cumsum(power) * (path.time[1] - path.time[0])) > 1e-2  # J: far more than the balance is off
+    # J: far more than the balance is off
+    assert np.ptp(np.cumsum(power) * (path.time[1] - path.time[0])) > 1e-2
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------
@@ -206,11 +229,19 @@ def test_the_energy_balance_has_the_power_of_the_force():
 
 def test_a_force_that_is_wrong_by_a_fifth_leaves_a_fifth_of_the_error():
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, force=milling(duration_of(equations), PLANE), progress=False)
+    solution = flexgen.solve(
+        equations, force=milling(duration_of(equations), PLANE), progress=False
+    )
     path, free = solution.trajectory, flexgen.solve(equations, progress=False).trajectory
-    force = make_force(milling(duration_of(equations), PLANE), equations.model, duration_of(equations))
-    alone = flexgen.simulate(equations, with_force(free, force.at(free.time), path)).tool_error_max_m
-    wrong = flexgen.simulate(equations, with_force(path, 1.2 * path["force"], path)).tool_error_max_m
+    force = make_force(
+        milling(duration_of(equations), PLANE), equations.model, duration_of(equations)
+    )
+    alone = flexgen.simulate(
+        equations, with_force(free, force.at(free.time), path)
+    ).tool_error_max_m
+    wrong = flexgen.simulate(
+        equations, with_force(path, 1.2 * path["force"], path)
+    ).tool_error_max_m
     assert alone > 5e-4 and wrong < 0.25 * alone
 
 
@@ -218,14 +249,18 @@ def test_a_force_that_is_wrong_by_a_fifth_leaves_a_fifth_of_the_error():
 def test_six_axes_within_a_micrometer():
     equations = flexgen.derive("manutec_r3_24")
     force = milling(duration_of(equations))
-    solution = flexgen.solve(equations, force=force, accuracy=1e-6, ignore_limits=True, progress=False)
+    solution = flexgen.solve(
+        equations, force=force, accuracy=1e-6, ignore_limits=True, progress=False
+    )
     assert solution.status == "solved" and solution.tool_error_max_m < 1e-6
     path = solution.trajectory
     free = flexgen.solve(equations, ignore_limits=True, progress=False).trajectory
     values = make_force(force, equations.model, duration_of(equations)).at(free.time)
     # with motor feedback: in open loop the friction of motors that reverse at other times makes them drift
     cases = with_force(free, values, path), with_force(path, 1.2 * path["force"], path)
-    alone, wrong = (flexgen.simulate(equations, case, feedback="ppi").tool_error_max_m for case in cases)
+    alone, wrong = (
+        flexgen.simulate(equations, case, feedback="ppi").tool_error_max_m for case in cases
+    )
     assert alone > 4e-4 and wrong < 0.25 * alone
 
 
@@ -233,9 +268,13 @@ def test_six_axes_within_a_micrometer():
 def test_two_methods_agree():
     equations = flexgen.derive("planar5_nmp")
     force = milling(duration_of(equations), PLANE)
-    lq, bvp = (flexgen.solve(equations, method=name, force=force, progress=False) for name in ("lq", "bvp"))
+    lq, bvp = (
+        flexgen.solve(equations, method=name, force=force, progress=False) for name in ("lq", "bvp")
+    )
     t = np.linspace(0.0, duration_of(equations), 500)
-    np.testing.assert_allclose(bvp.trajectory.at(t)["tau_m"], lq.trajectory.at(t)["tau_m"], atol=1e-3)
+    np.testing.assert_allclose(
+        bvp.trajectory.at(t)["tau_m"], lq.trajectory.at(t)["tau_m"], atol=1e-3
+    )
 
 
 @pytest.mark.slow
@@ -256,11 +295,17 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
         paths = (np.stack([x, x]) for x in (y, dy, ddy))
         many = library.invert_many(*paths, period=period, q_start=path.q_start, options=forced)
         assert np.array_equal(many.tau_m[0], whole.tau_m)
-        assert np.array_equal(many.tau_m[1], library.invert(y, dy, ddy, force=0.0 * F, **options).tau_m)
+        assert np.array_equal(
+            many.tau_m[1], library.invert(y, dy, ddy, force=0.0 * F, **options).tau_m
+        )
         with pytest.raises(ArgumentError, match=r"invert_many, force: given shape .*, expected"):
             wrong = flexgen.InversionOptions(force=np.stack([F, F]))
-            library.invert_many(y, dy, ddy, period=period, q_start=[path.q_start] * 2, options=wrong)
-        stream = library.stream(y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1)
+            library.invert_many(
+                y, dy, ddy, period=period, q_start=[path.q_start] * 2, options=wrong
+            )
+        stream = library.stream(
+            y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1
+        )
         found = []
         for k in range(len(t)):
             stream.set_force(F[k])
@@ -269,12 +314,18 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
     found, wanted = np.array(found)[ahead:], whole.tau_m[40 : 40 + n]
     size = np.abs(wanted).max()
     assert np.abs(found - wanted).max() < 2e-3 * size, np.abs(found - wanted).max() / size
-    plain = flexgen.load(flexgen.generate(equations.model, tmp_path / "plain", progress=False).directory)
+    plain = flexgen.load(
+        flexgen.generate(equations.model, tmp_path / "plain", progress=False).directory
+    )
     with pytest.raises(ArgumentError, match="parts=\\['force'\\]"):
-        plain.stream(y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1).set_force(F[0])
+        plain.stream(
+            y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1
+        ).set_force(F[0])
     with pytest.raises(ArgumentError, match="library without forces"):
         plain.invert(y, dy, ddy, force=F, **options)
-    with pytest.raises(ArgumentError, match="invert_many, force: given to a library without forces"):
+    with pytest.raises(
+        ArgumentError, match="invert_many, force: given to a library without forces"
+    ):
         starts, forced = [path.q_start] * 2, flexgen.InversionOptions(force=F)
         plain.invert_many(y, dy, ddy, period=period, q_start=starts, options=forced)
 
@@ -288,11 +339,17 @@ def test_a_stream_begins_with_the_force(name, tmp_path):
     t = np.arange(round(path.duration / period) + 1) * period
     y, dy, ddy = (np.ascontiguousarray(x) for x in path.sample(t).y.transpose(2, 0, 1)[:3])
     turned = 1.0 + 0.3 * np.sin(4.0 * t)[:, None] ** 4  # constant at first
-    rate, second = (np.gradient(x, period, axis=0) for x in (turned, np.gradient(turned, period, axis=0)))
+    rate, second = (
+        np.gradient(x, period, axis=0) for x in (turned, np.gradient(turned, period, axis=0))
+    )
     F = np.hstack([x * np.array([30.0, -100.0]) for x in (turned, rate, second)])
     start, keywords = F[0, :2], {"period": period, "intervals": ahead}
-    with flexgen.load(flexgen.generate(model, tmp_path, parts=["force"], progress=False).directory) as library:
-        whole = library.invert(y, dy, ddy, force=F, period=period, q_start=path.q_start, n_pre=before, n_post=before)
+    with flexgen.load(
+        flexgen.generate(model, tmp_path, parts=["force"], progress=False).directory
+    ) as library:
+        whole = library.invert(
+            y, dy, ddy, force=F, period=period, q_start=path.q_start, n_pre=before, n_post=before
+        )
         size = np.abs(whole.tau_m).max()
 
         def off(stream, first, at):
@@ -301,7 +358,9 @@ def test_a_stream_begins_with_the_force(name, tmp_path):
             for k in range(first, len(t)):
                 stream.set_force(F[k])
                 found.append(stream.update(y[k], dy[k], ddy[k]).tau_m[0])
-            return float(np.abs(np.array(found) - whole.tau_m[before + at :][: len(found)]).max() / size)
+            return float(
+                np.abs(np.array(found) - whole.tau_m[before + at :][: len(found)]).max() / size
+            )
 
         assert off(library.stream(y[0], path.q_start, force=start, **keywords), 0, -ahead) < 1e-9
         assert off(library.stream(y[0], path.q_start, **keywords), 0, -ahead) > 0.05
@@ -333,31 +392,57 @@ def test_array_function_and_file_are_the_same(tmp_path, capsys):
     b = flexgen.solve(equations, force=function(t), verify=False, progress=False)
     values = np.zeros((2001, 3))
     values[:, ["xyz".index(axis) for axis in equations.model.output.axes]] = function(t)
-    data = Trajectory(t, {"force": values}, {"force": Port("force", (3,), "N", "milling")}, {"force": tuple("xyz")})
+    data = Trajectory(
+        t,
+        {"force": values},
+        {"force": Port("force", (3,), "N", "milling")},
+        {"force": tuple("xyz")},
+    )
     file = data.save(tmp_path / "force.csv")
     c = flexgen.solve(equations, force=str(file), verify=False, progress=False)
     table = tmp_path / "plain.csv"
-    np.savetxt(table, np.column_stack([t, values]), delimiter=",", header="time_s,fx,fy,fz", comments="")
+    np.savetxt(
+        table, np.column_stack([t, values]), delimiter=",", header="time_s,fx,fy,fz", comments=""
+    )
     d = flexgen.solve(equations, force=table, verify=False, progress=False)
     for other in (b, c, d):
         np.testing.assert_allclose(other.trajectory["tau_m"], a.trajectory["tau_m"], atol=1e-3)
     assert abs(a.to_dict()["force_max_N"] - SIZE) < 1.0
-    assert main(["solve", "planar5_nmp", "--force", str(file), "--out", str(tmp_path / "out.npz")]) == 0
+    assert (
+        main(["solve", "planar5_nmp", "--force", str(file), "--out", str(tmp_path / "out.npz")])
+        == 0
+    )
     saved = Trajectory.load(tmp_path / "out.npz")
     assert saved["force"].shape == (len(saved.time), 6)
-    assert flexgen.simulate(equations, saved).tool_error_max_m < 1e-7  # the saved force acts in a simulation
+    # the saved force acts in a simulation
+    assert flexgen.simulate(equations, saved).tool_error_max_m < 1e-7
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("t,fx,fy,fz\n0,1,2,3\n9,1,2,3\n", r"given the columns t, fx, fy, fz in .*, expected the columns time_s, fx"),
-        ("time_s,fx,fy,fz\n0,1,2,3\n0,1,2,3\n", "given 0, 1, 2, 3 in row 2 of .*, expected finite numbers, time_s"),
+        (
+            "t,fx,fy,fz\n0,1,2,3\n9,1,2,3\n",
+            r"given the columns t, fx, fy, fz in .*, expected the columns time_s, fx",
+        ),
+        (
+            "time_s,fx,fy,fz\n0,1,2,3\n0,1,2,3\n",
+            "given 0, 1, 2, 3 in row 2 of .*, expected finite numbers, time_s",
+        ),
         ("time_s,fx,fy,fz\n0,1,2,x\n", "cannot be read"),
-        ("time_s,fx,fy,fz\n0,1,2,3\n1,1,2,nan\n", "given 1, 1, 2, nan in row 2 of .*, expected finite numbers"),
+        (
+            "time_s,fx,fy,fz\n0,1,2,3\n1,1,2,nan\n",
+            "given 1, 1, 2, nan in row 2 of .*, expected finite numbers",
+        ),
         ("time_s,fx,fy,fz\n0,1,2,3\n", "given 1 rows in .*, expected two or more of 4 numbers"),
-        ("time_s,fx,fy,fz\n0,1,2,3\n1,2,3,4,5\n", "columns changed from 4 to 5 at row 2.*, expected names in line 1"),
-        ("time_s,fx,fy,fz\n0,1,2,3\n0.1,1,2,3\n", "given from 0 to 0.1 s, expected at least from 0 to 0.5 s"),
+        (
+            "time_s,fx,fy,fz\n0,1,2,3\n1,2,3,4,5\n",
+            "columns changed from 4 to 5 at row 2.*, expected names in line 1",
+        ),
+        (
+            "time_s,fx,fy,fz\n0,1,2,3\n0.1,1,2,3\n",
+            "given from 0 to 0.1 s, expected at least from 0 to 0.5 s",
+        ),
     ],
 )
 def test_a_wrong_table_is_refused(text, words, tmp_path):
@@ -378,7 +463,10 @@ def test_a_wrong_table_is_refused(text, words, tmp_path):
         (np.zeros((1, 3)), "shape (1, 3)"),
         ("far", "does not exist"),
         (lambda t: np.zeros((3, 3)), "3 rows"),
-        (lambda t: [math.sin(t), 0.0], "a function that raises TypeError for an array of 2001 instants"),
+        (
+            lambda t: [math.sin(t), 0.0],
+            "a function that raises TypeError for an array of 2001 instants",
+        ),
         (np.ones((5, 3)), "fz up to 1 N, expected zero"),
         (np.ones((5, 6)), "expected zero"),
         (object(), "function of the time"),
@@ -394,7 +482,9 @@ def test_units_time_and_methods_are_checked():
     t = np.array([0.0, 0.2, 0.6])
 
     def data(unit: str, t: np.ndarray = t, name: str = "force") -> Trajectory:
-        return Trajectory(t, {name: np.zeros((3, 3))}, {name: Port(name, (3,), unit, "")}, {name: tuple("xyz")})
+        return Trajectory(
+            t, {name: np.zeros((3, 3))}, {name: Port(name, (3,), unit, "")}, {name: tuple("xyz")}
+        )
 
     for given, words in (
         (data("kN"), "given in kN"),

@@ -125,7 +125,9 @@ def test_parameters(name):
     for function in FUNCTIONS:
         fast = fast_function(equations, function)
         assert fast is not None  # it passed the test with the values of the file
-        assert ("parameters" in fast.name_in()) == ("parameters" in equations.function(function).name_in())
+        assert ("parameters" in fast.name_in()) == (
+            "parameters" in equations.function(function).name_in()
+        )
         for s in some_states(plain, 1):
             for value in (numbers, changed):
                 given = {**arguments(s, rng), "parameters": value}

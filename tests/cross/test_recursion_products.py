@@ -19,7 +19,10 @@ from flexgen.recursion.tape import Tape
 
 EXACT = 1e-13  # of the largest term of a product
 QUICK = ("elbow", "planar5_nmp", "manutec_r3", "urdf_arm")
-MODELS = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in [*ALL_MODELS, *ROBOTS, *MADE]]
+MODELS = [
+    pytest.param(name, marks=() if name in QUICK else pytest.mark.slow)
+    for name in [*ALL_MODELS, *ROBOTS, *MADE]
+]
 
 
 def drawn(equations: Equations, names, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -51,18 +54,28 @@ def check_accelerations(equations: Equations, seed: int) -> None:
     x, dx = (drawn(equations, ("q_a", "v_a", "tau_a"), rng) for _ in range(2))
     a = values(recursive_function(equations, "arm_forward_dynamics"), x)[0].ravel()
     by_q, by_v, M = values(
-        equations.function("inverse_dynamics_derivatives"), {"q_a": x["q_a"], "v_a": x["v_a"], "a_a": a}
+        equations.function("inverse_dynamics_derivatives"),
+        {"q_a": x["q_a"], "v_a": x["v_a"], "a_a": a},
     )
     given = x | {f"{name}_tangent": dx[name] for name in dx}
     da = values(recursive_function(equations, "arm_forward_dynamics_jvp"), given)[0].ravel()
-    size = (np.abs(M) @ np.abs(da) + np.abs(by_q) @ np.abs(dx["q_a"]) + np.abs(by_v) @ np.abs(dx["v_a"])).max()
-    assert np.abs(M @ da + by_q @ dx["q_a"] + by_v @ dx["v_a"] - dx["tau_a"]).max() <= 10 * EXACT * size
+    size = (
+        np.abs(M) @ np.abs(da) + np.abs(by_q) @ np.abs(dx["q_a"]) + np.abs(by_v) @ np.abs(dx["v_a"])
+    ).max()
+    assert (
+        np.abs(M @ da + by_q @ dx["q_a"] + by_v @ dx["v_a"] - dx["tau_a"]).max()
+        <= 10 * EXACT * size
+    )
     w = M @ rng.uniform(-1.0, 1.0, n_a)
-    back = values(recursive_function(equations, "arm_forward_dynamics_vjp"), x | {"a_a_cotangent": w})
+    back = values(
+        recursive_function(equations, "arm_forward_dynamics_vjp"), x | {"a_a_cotangent": w}
+    )
     g_q, g_v, mu = (part.ravel() for part in back)
     assert np.abs(M @ mu - w).max() <= 10 * EXACT * (np.abs(M) @ np.abs(mu)).max()
     for found, J in ((g_q, by_q), (g_v, by_v)):
-        assert np.abs(found + J.T @ mu).max() <= 10 * EXACT * max((np.abs(J).T @ np.abs(mu)).max(), np.abs(w).max())
+        assert np.abs(found + J.T @ mu).max() <= 10 * EXACT * max(
+            (np.abs(J).T @ np.abs(mu)).max(), np.abs(w).max()
+        )
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -97,14 +110,22 @@ def test_a_planted_sign_in_the_derivative_of_rotations_is_caught(monkeypatch) ->
     rotations = Tape._rotations
 
     def planted(self, results):
-        return {node: (angle, -slope, terms) for node, (angle, slope, terms) in rotations(self, results).items()}
+        return {
+            node: (angle, -slope, terms)
+            for node, (angle, slope, terms) in rotations(self, results).items()
+        }
 
     monkeypatch.setattr(Tape, "_rotations", planted)
     with pytest.raises(AssertionError):
         check_inverse_dynamics(derive("planar5_nmp"), 0)
 
 
-LINEARIZED = ["planar5_nmp", "four_mass", "urdf_arm", pytest.param("manutec_r3_efjm", marks=pytest.mark.slow)]
+LINEARIZED = [
+    "planar5_nmp",
+    "four_mass",
+    "urdf_arm",
+    pytest.param("manutec_r3_efjm", marks=pytest.mark.slow),
+]
 
 
 @pytest.mark.parametrize("name", LINEARIZED)
@@ -118,20 +139,28 @@ def test_products_of_forward_dynamics_equal_the_linearization(name) -> None:
     state = np.concatenate([dx["q_a"], dx["q_m"][i_m], dx["v_a"], dx["v_m"][i_m]])
     expected = (A @ state + B @ dx["tau_m"])[n:]
     given = x | {f"{name}_tangent": dx[name] for name in names}
-    da_a, da_m = (y.ravel() for y in values(recursive_function(equations, "forward_dynamics_jvp"), given))
+    da_a, da_m = (
+        y.ravel() for y in values(recursive_function(equations, "forward_dynamics_jvp"), given)
+    )
     size = (np.abs(A) @ np.abs(state) + np.abs(B) @ np.abs(dx["tau_m"]))[n:].max()
     assert np.abs(np.concatenate([da_a, da_m[i_m]]) - expected).max() <= 1e-10 * size
     rigid = [j for j in range(model.n_m) if j not in i_m]
     assert np.allclose(da_m[rigid], (model.eta @ da_a[list(model.i_g)])[rigid], rtol=1e-12, atol=0)
     w_a, w_m = rng.uniform(-1.0, 1.0, n_a), rng.uniform(-1.0, 1.0, model.n_m)
     back = values(
-        recursive_function(equations, "forward_dynamics_vjp"), x | {"a_a_cotangent": w_a, "a_m_cotangent": w_m}
+        recursive_function(equations, "forward_dynamics_vjp"),
+        x | {"a_a_cotangent": w_a, "a_m_cotangent": w_m},
     )
     forward = w_a @ da_a + w_m @ da_m
-    assert abs(sum(g.ravel() @ dx[name] for g, name in zip(back, names, strict=True)) - forward) <= 1e-10 * size
+    assert (
+        abs(sum(g.ravel() @ dx[name] for g, name in zip(back, names, strict=True)) - forward)
+        <= 1e-10 * size
+    )
 
 
-@pytest.mark.parametrize("model", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "model", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.slow)]
+)
 def test_products_of_all_functions_are_derivatives_and_transposes(model) -> None:
     """With run-time parameters: against central differences of the Lagrangian's function."""
     equations, rng = derive(model, ("payload", "stiffness")), np.random.default_rng(4)
@@ -139,11 +168,17 @@ def test_products_of_all_functions_are_derivatives_and_transposes(model) -> None
     offered = set(offered_functions(equations.model))
     for name in [each for each in DIFFERENTIATED if each in offered]:
         slow = equations.function(name)
-        x = {key: p if key == "parameters" else rng.uniform(-1, 1, slow.size_in(key)[0]) for key in slow.name_in()}
+        x = {
+            key: p if key == "parameters" else rng.uniform(-1, 1, slow.size_in(key)[0])
+            for key in slow.name_in()
+        }
         dx = {key: rng.uniform(-1, 1, len(v)) * np.maximum(np.abs(v), 1e-3) for key, v in x.items()}
         h = 1e-6
         ends = [
-            np.concatenate([y.ravel("F") for y in values(slow, {k: x[k] + s * h * dx[k] for k in x})]) for s in (1, -1)
+            np.concatenate(
+                [y.ravel("F") for y in values(slow, {k: x[k] + s * h * dx[k] for k in x})]
+            )
+            for s in (1, -1)
         ]
         expected = (ends[0] - ends[1]) / (2 * h)
         for made in (recursive_function, lambda equations, name: equations.function(name)):
@@ -151,12 +186,20 @@ def test_products_of_all_functions_are_derivatives_and_transposes(model) -> None
             if jvp is None:
                 continue
             given = {"parameters": p} | x | {f"{key}_tangent": value for key, value in dx.items()}
-            found = [y.full().ravel("F") for y in jvp.call([ca.DM(given[key]) for key in jvp.name_in()])]
+            found = [
+                y.full().ravel("F") for y in jvp.call([ca.DM(given[key]) for key in jvp.name_in()])
+            ]
             flat = np.concatenate(found)
-            assert np.abs(flat - expected).max() <= 1e-6 * (1.0 + np.abs(ends[0]).max() + np.abs(expected).max()), name
-            w = {f"{key}_cotangent": rng.uniform(-1, 1, y.shape) for key, y in zip(slow.name_out(), found, strict=True)}
+            assert np.abs(flat - expected).max() <= 1e-6 * (
+                1.0 + np.abs(ends[0]).max() + np.abs(expected).max()
+            ), name
+            w = {
+                f"{key}_cotangent": rng.uniform(-1, 1, y.shape)
+                for key, y in zip(slow.name_out(), found, strict=True)
+            }
             shaped = [
-                ca.reshape(ca.DM(w[key]), vjp.size_in(key)) if key in w else ca.DM(given[key]) for key in vjp.name_in()
+                ca.reshape(ca.DM(w[key]), vjp.size_in(key)) if key in w else ca.DM(given[key])
+                for key in vjp.name_in()
             ]
             back = dict(zip(vjp.name_out(), vjp.call(shaped), strict=True))
             total = sum(back[f"{key}_cotangent"].full().ravel() @ dx[key] for key in x)
@@ -169,7 +212,10 @@ def test_products_that_a_model_lacks_are_refused_with_the_reason_of_their_functi
     for name, reason in (
         ("sensors_vjp", "has no sensors"),
         ("flexible_joint_motion_jvp", "expected a motor and a spring for each arm coordinate"),
-        ("linearize_jvp", "expected some of forward_kinematics, .*, mass_matrix_packed, .*NAME_jvp, NAME_vjp"),
+        (
+            "linearize_jvp",
+            "expected some of forward_kinematics, .*, mass_matrix_packed, .*NAME_jvp, NAME_vjp",
+        ),
     ):
         with pytest.raises(flexgen.ArgumentError, match=reason):
             choose_functions([name], derive("planar5_nmp").model)
@@ -196,7 +242,9 @@ def test_emitted_products_equal_emitted_derivatives(tmp_path, parameters) -> Non
     dx = {f"{name}_tangent": rng.uniform(-1, 1, (count, 3)) for name in x}
     more = {"parameters_tangent": np.zeros((count, 7))} if parameters else {}
     matrices, w = library.inverse_dynamics_derivatives(**x), rng.uniform(-1, 1, (count, 3))
-    expected = sum(np.einsum("kij,kj->ki", J, d) for J, d in zip(matrices, dx.values(), strict=True))
+    expected = sum(
+        np.einsum("kij,kj->ki", J, d) for J, d in zip(matrices, dx.values(), strict=True)
+    )
     found = library.inverse_dynamics_jvp(**x, **dx, **more)
     assert np.abs(found - expected).max() <= EXACT * np.abs(expected).max()
     back = library.inverse_dynamics_vjp(**x, tau_a_cotangent=w)
@@ -206,10 +254,14 @@ def test_emitted_products_equal_emitted_derivatives(tmp_path, parameters) -> Non
     assert np.array_equal(one, found[7])
 
 
-def test_products_have_recursions_of_their_own_where_no_parameter_changes_the_function(monkeypatch) -> None:
+def test_products_have_recursions_of_their_own_where_no_parameter_changes_the_function(
+    monkeypatch,
+) -> None:
     """Else they are the derivatives of the function, and none where it has no recursion."""
     general: list[str] = []
-    monkeypatch.setattr(products, "of_function", lambda arm, function, product: general.append(function.name()))
+    monkeypatch.setattr(
+        products, "of_function", lambda arm, function, product: general.append(function.name())
+    )
     plain, varied = Equations(read("elbow")), Equations(read("elbow"), ("payload",))
     for name in products.BUILDERS:
         recursive_function(plain, f"{name}_jvp")
@@ -220,4 +272,6 @@ def test_products_have_recursions_of_their_own_where_no_parameter_changes_the_fu
         recursive_function(varied, f"{name}_vjp")
     assert changed and len(general) == len(changed)
     general.clear()
-    assert recursive_function(Equations(read("beam_arm")), "mass_matrix_jvp") is None and general == []
+    assert (
+        recursive_function(Equations(read("beam_arm")), "mass_matrix_jvp") is None and general == []
+    )

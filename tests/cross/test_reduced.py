@@ -19,7 +19,8 @@ from flexgen.lab.reduced import POOR, integrate, offsets, solve
 
 TOLD = 5e-7  # m and rad: what is reached with the default tolerance
 EXACT = 1e-4  # relative: torques against the exact methods
-ALIKE = 1e-5  # relative: derivatives of polynomials fitted to samples, up to the fourth, against automatic ones
+# relative: derivatives of polynomials fitted to samples, up to the fourth, against automatic ones
+ALIKE = 1e-5
 WINDOW = 0.02  # s: where they are fitted
 
 
@@ -47,7 +48,8 @@ def test_degrees_of_freedom_are_those_of_the_theory(name: str, freedom: int) -> 
     assert len(choice.algebraic) == sum(dummies.c) + len(dummies.c)  # as many as equations
     slopes = dummies.system(dummies.at_rest(here.x_eq), U)[1].full() * dummies.scales(here.x_eq)
     block = slopes[:, list(choice.algebraic)]
-    assert np.linalg.cond(block / np.abs(block).max(axis=1)[:, None]) < 1e12  # index 1: solvable for all else
+    # index 1: solvable for all else
+    assert np.linalg.cond(block / np.abs(block).max(axis=1)[:, None]) < 1e12
 
 
 @pytest.mark.parametrize("name", ["planar5_mp", "planar5_mp@undamped", "manutec_r3"])
@@ -63,14 +65,26 @@ def test_derivatives_of_equations_agree_with_those_of_polynomials(name: str) -> 
     nodes = WINDOW * np.cos(np.pi * (np.arange(25) + 0.5) / 25)
     y, v, a = (ca.SX.sym(name, dae.n) for name in "yva")
     tau, u = ca.SX.sym("tau", dae.model.n_m), ca.SX.sym("u", dae.n_u)
-    rows = ca.Function("rows", [y, v, a, tau, u], [ca.vertcat(dae.motion_rows(y, v, a, tau), dae.output_rows(y, u))])
+    rows = ca.Function(
+        "rows",
+        [y, v, a, tau, u],
+        [ca.vertcat(dae.motion_rows(y, v, a, tau), dae.output_rows(y, u))],
+    )
     values = []
     for t in nodes:
         levels = [np.array([m.deriv(k)(t) if k else m(t) for m in motions]) for k in range(3)]
         at = [levels[0][: dae.n], levels[1][: dae.n], levels[2][: dae.n], levels[0][dae.n :]]
         values.append(rows(*at, np.array([p(t) for p in targets])).full()[:, 0])
-    Y = np.array([m.deriv(r)(0.0) if r else m(0.0) for j, m in enumerate(motions) for r in range(dummies.d[j] + 1)])
-    U = np.array([[p.deriv(k)(0.0) if k else p(0.0) for k in range(dummies.orders + 1)] for p in targets])
+    Y = np.array(
+        [
+            m.deriv(r)(0.0) if r else m(0.0)
+            for j, m in enumerate(motions)
+            for r in range(dummies.d[j] + 1)
+        ]
+    )
+    U = np.array(
+        [[p.deriv(k)(0.0) if k else p(0.0) for k in range(dummies.orders + 1)] for p in targets]
+    )
     G = dummies.system(Y, U)[0].full()[:, 0]
     place = 0
     for k in range(dummies.orders + 1):
@@ -136,7 +150,9 @@ def test_consistent_values_are_found_again() -> None:
         dummies.consistent(choice, Y, far, scale)
 
 
-@pytest.mark.parametrize("name", ["planar5_mp", "planar5_mp@undamped", "four_mass@high", "elbow", "elbow@rigid"])
+@pytest.mark.parametrize(
+    "name", ["planar5_mp", "planar5_mp@undamped", "four_mass@high", "elbow", "elbow@rigid"]
+)
 def test_the_answer_agrees_and_is_verified(name: str) -> None:
     solution = flexgen.solve(name, method="reduced")
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 0.0) < TOLD
@@ -185,7 +201,9 @@ def test_the_error_falls_with_the_tolerance() -> None:
 
 def test_where_the_structure_hides_the_index_another_method_is_named() -> None:
     """The arm's output does not depend on the accelerations of its elastic coordinate: a zero is at infinity."""
-    with pytest.raises(ArgumentError, match=r"does not apply to model abb_arm.*use kunkel-mehrmann or lq"):
+    with pytest.raises(
+        ArgumentError, match=r"does not apply to model abb_arm.*use kunkel-mehrmann or lq"
+    ):
         flexgen.solve("abb_arm", method="reduced")
 
 

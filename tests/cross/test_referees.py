@@ -49,9 +49,13 @@ from flexgen.model.elements import (
 from flexgen.model.reader import read
 
 HERE = Path(__file__).parents[1] / "support"
-ROBOTS = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots")
+ROBOTS = Path(
+    sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots"
+)
 SAMPLE, FULL = 5, 250  # robots of each kind
-needs_pinocchio = pytest.mark.skipif(PinocchioReferee is None, reason="no pin; run: make setup-test")
+needs_pinocchio = pytest.mark.skipif(
+    PinocchioReferee is None, reason="no pin; run: make setup-test"
+)
 KINDS = [
     pytest.param(2 * k + i, linear, coupling, id=f"{'linear' if linear else 'any'}-{coupling}")
     for k, linear in enumerate((True, False))
@@ -61,7 +65,12 @@ KINDS = [
 
 def on_robots(check: Callable[[Case], None], count: int, start: int, **fixed) -> None:
     """A check of that many random robots, the same ones every time."""
-    quiet = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "print_blob": False}
+    quiet = {
+        "database": None,
+        "deadline": None,
+        "suppress_health_check": list(HealthCheck),
+        "print_blob": False,
+    }
     settings(max_examples=count, phases=(Phase.generate, Phase.shrink), **quiet)(
         seed(start)(given(cases(**fixed))(check))
     )()
@@ -87,23 +96,39 @@ def test_the_sample_covers_every_kind_of_element():
     models: list[RobotModel] = []
     for parameters in KINDS:
         start, linear, coupling = parameters.values
-        on_robots(lambda case: models.append(case.model), SAMPLE, start, linear=linear, coupling=coupling)
+        on_robots(
+            lambda case: models.append(case.model), SAMPLE, start, linear=linear, coupling=coupling
+        )
     dofs = [c.dof for model in models for c in model.coordinates]
     gears = [dof.gear for dof in dofs if dof.gear is not None]
     elements = [element for model in models for element in model.elements]
     places = [place for element in elements for place in (element.origin, element.link)]
     whole = [np.array_equal(np.abs(p.rotation), np.round(np.abs(p.rotation))) for p in places]
-    assert {dof.type for dof in dofs if dof.actuated} == {dof.type for dof in dofs if not dof.actuated}
-    assert {gear.rigid for gear in gears} == {True, False} and {gear.side for gear in gears} == {"arm", "motor"}
+    assert {dof.type for dof in dofs if dof.actuated} == {
+        dof.type for dof in dofs if not dof.actuated
+    }
+    assert {gear.rigid for gear in gears} == {True, False} and {gear.side for gear in gears} == {
+        "arm",
+        "motor",
+    }
     assert len({type(dof.spring or dof.gear.spring) for dof in dofs}) == 6  # five springs and none
     assert {max(map(abs, dof.axis)) == 1.0 for dof in dofs} == {True, False}
     assert {element.body == Body() for element in elements} == {True, False}
-    assert any(not element.dofs for element in elements) and max(len(element.dofs) for element in elements) > 2
-    assert any(p.rotation == Placement().rotation for p in places) and any(p == Placement() for p in places)
-    assert any(w and p.rotation != Placement().rotation for w, p in zip(whole, places, strict=True)) and not all(whole)
+    assert (
+        any(not element.dofs for element in elements)
+        and max(len(element.dofs) for element in elements) > 2
+    )
+    assert any(p.rotation == Placement().rotation for p in places) and any(
+        p == Placement() for p in places
+    )
+    assert any(
+        w and p.rotation != Placement().rotation for w, p in zip(whole, places, strict=True)
+    ) and not all(whole)
     assert any(len(motor.drives) == 2 for model in models for motor in model.motors)
     assert any(motor.inertia == 0.0 for model in models for motor in model.motors)
-    assert any(e.body.rotational_drag for e in elements) and any(dof.friction.stribeck for dof in dofs)
+    assert any(e.body.rotational_drag for e in elements) and any(
+        dof.friction.stribeck for dof in dofs
+    )
     assert max(model.n_a for model in models) > 12 and {1, 6} <= {model.n_g for model in models}
 
 
@@ -124,7 +149,10 @@ def test_a_random_robot_is_read_from_its_file(tmp_path):
 
 def test_one_motor_behind_a_rigid_gear():
     """No motor has a coordinate of its own then; CasADi's empty index into a single entry is 1 by 0."""
-    gear, body = Gear(rigid=True), Body(2.0, (0.3, 0.1, 0.0), ((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.3)))
+    gear, body = (
+        Gear(rigid=True),
+        Body(2.0, (0.3, 0.1, 0.0), ((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.3))),
+    )
     turn = Dof("turn", "rotation", (0.0, 1.0, 0.0), gear=gear)
     bend = Dof("bend", "rotation", (0.0, 0.0, 1.0), spring=LinearSpring(1e3))
     model = RobotModel(
@@ -151,7 +179,13 @@ def test_one_motor_behind_a_rigid_gear():
 def test_robots_that_failed_before_agree(name):
     """Random robots on which an earlier version of the recursive route lost all digits; one in a hundred did that."""
     model, rng = read(HERE / "drawn" / f"{name}.toml"), np.random.default_rng(6)
-    check_robot(Case(model, tuple(state(model, rng, pose) for pose in ("anywhere", "square")), is_linear(model)))
+    check_robot(
+        Case(
+            model,
+            tuple(state(model, rng, pose) for pose in ("anywhere", "square")),
+            is_linear(model),
+        )
+    )
 
 
 # --- known robots ----------------------------------------------------------------------------------------------------
@@ -176,7 +210,11 @@ def test_functions_of_public_robots_agree(name):
     ("name", "file", "locked"),
     [
         ("ur5", "ur_description/urdf/ur5_robot.urdf", []),
-        ("panda", "panda_description/urdf/panda.urdf", ["panda_finger_joint1", "panda_finger_joint2"]),
+        (
+            "panda",
+            "panda_description/urdf/panda.urdf",
+            ["panda_finger_joint1", "panda_finger_joint2"],
+        ),
     ],
 )
 def test_known_robots_move_as_pinocchio_reads_them(name, file, locked):
@@ -186,15 +224,21 @@ def test_known_robots_move_as_pinocchio_reads_them(name, file, locked):
     if not (ROBOTS / file).is_file():
         pytest.skip("no example-robot-data; run: make setup-test")
     whole = pin.buildModelFromUrdf(str(ROBOTS / file))
-    peer = pin.buildReducedModel(whole, [whole.getJointId(joint) for joint in locked], pin.neutral(whole))
+    peer = pin.buildReducedModel(
+        whole, [whole.getJointId(joint) for joint in locked], pin.neutral(whole)
+    )
     data, rng = peer.createData(), np.random.default_rng(5)
     model = read(HERE / "robots" / f"{name}.toml")
     assert [c.name for c in model.coordinates] == list(peer.names)[1:] and not model.i_m
     found = Found(derive(model))
     for _ in range(5):
         s = state(model, rng, "anywhere")
-        tau = model.eta.T @ (s.tau_m - [m.friction.viscous * w for m, w in zip(model.motors, s.v_m, strict=True)])
-        tau = tau - [c.dof.friction.viscous * w for c, w in zip(model.coordinates, s.v_a, strict=True)]
+        tau = model.eta.T @ (
+            s.tau_m - [m.friction.viscous * w for m, w in zip(model.motors, s.v_m, strict=True)]
+        )
+        tau = tau - [
+            c.dof.friction.viscous * w for c, w in zip(model.coordinates, s.v_a, strict=True)
+        ]
         got = found("forward_dynamics", *s.x, s.tau_m)[0]
         close("accelerations", got, pin.aba(peer, data, s.q_a, s.v_a, tau), ACCELERATION)
         torque = found("inverse_dynamics", s.q_a, s.v_a, s.a_a)[0]
@@ -221,7 +265,9 @@ def tame(model: RobotModel) -> RobotModel:
     def body(b):
         return replace(b, rotational_drag=0.0)
 
-    elements = tuple(replace(e, dofs=tuple(map(dof, e.dofs)), body=body(e.body)) for e in model.elements)
+    elements = tuple(
+        replace(e, dofs=tuple(map(dof, e.dofs)), body=body(e.body)) for e in model.elements
+    )
     motors = tuple(replace(m, friction=Friction(m.friction.viscous)) for m in model.motors)
     return replace(model, elements=elements, motors=motors, payload=body(model.payload))
 
@@ -236,7 +282,9 @@ def change(model: RobotModel, k: int, **changed) -> RobotModel:
 def flipped_placement(model: RobotModel) -> RobotModel:
     """A rotation the wrong way round."""
     origin = model.elements[2].origin
-    return change(model, 2, origin=replace(origin, rotation=tuple(zip(*origin.rotation, strict=True))))
+    return change(
+        model, 2, origin=replace(origin, rotation=tuple(zip(*origin.rotation, strict=True)))
+    )
 
 
 def flipped_offset(model: RobotModel) -> RobotModel:
@@ -249,7 +297,9 @@ def flipped_product(model: RobotModel) -> RobotModel:
     """A product of inertia with the wrong sign."""
     inertia = np.array(model.elements[0].body.inertia)
     inertia[0, 1], inertia[1, 0] = -inertia[0, 1], -inertia[1, 0]
-    return change(model, 3, body=replace(model.elements[3].body, inertia=tuple(map(tuple, inertia))))
+    return change(
+        model, 3, body=replace(model.elements[3].body, inertia=tuple(map(tuple, inertia)))
+    )
 
 
 def flipped_axis(model: RobotModel) -> RobotModel:
@@ -268,12 +318,17 @@ def flipped_gear(model: RobotModel) -> RobotModel:
 def flipped_spring(model: RobotModel) -> RobotModel:
     """The spring of an elastic joint with the wrong sign."""
     first, second = model.elements[0].dofs
-    return change(model, 0, dofs=(first, replace(second, spring=LinearSpring(-second.spring.stiffness))))
+    return change(
+        model, 0, dofs=(first, replace(second, spring=LinearSpring(-second.spring.stiffness)))
+    )
 
 
 def flipped_rotor(model: RobotModel) -> RobotModel:
     """A rotor whose axis points the other way: felt only through its carrier."""
-    motors = [replace(m, axis=tuple(-x for x in m.axis)) if m.carrier == "two" else m for m in model.motors]
+    motors = [
+        replace(m, axis=tuple(-x for x in m.axis)) if m.carrier == "two" else m
+        for m in model.motors
+    ]
     return replace(model, motors=tuple(motors))
 
 
@@ -291,7 +346,10 @@ def flipped_coriolis(found: Found, results: list[np.ndarray], q_a, v_a, *rest) -
     return [results[0] - 2 * c]
 
 
-CHECKS = [pytest.param(check_mujoco, id="mujoco"), pytest.param(check_pinocchio, id="pinocchio", marks=needs_pinocchio)]
+CHECKS = [
+    pytest.param(check_mujoco, id="mujoco"),
+    pytest.param(check_pinocchio, id="pinocchio", marks=needs_pinocchio),
+]
 BUGS = [
     flipped_placement,
     flipped_offset,
@@ -308,7 +366,9 @@ BUGS = [
 def control() -> Case:
     """A robot with everything that a bug can be planted in: five motors with elastic gears that ride on the arm."""
     model, rng = tame(random_model(4, "complete", "elastic")), np.random.default_rng(4)
-    return Case(model, tuple(state(model, rng, pose) for pose in ("anywhere", "square")), is_linear(model))
+    return Case(
+        model, tuple(state(model, rng, pose) for pose in ("anywhere", "square")), is_linear(model)
+    )
 
 
 @pytest.mark.parametrize("check", CHECKS)
@@ -349,4 +409,7 @@ def test_planted_errors_are_seen_by_pinocchio(name):
 def test_the_recursive_route_is_taken():
     """`Found` would not tell: where there is no recursive function it asks Lagrange's equations."""
     equations = derive(tame(random_model(0, "simplified", "elastic")))
-    assert all(fast_function(equations, name) is not None for name in ("mass_matrix", "inverse_dynamics", "bias"))
+    assert all(
+        fast_function(equations, name) is not None
+        for name in ("mass_matrix", "inverse_dynamics", "bias")
+    )

@@ -56,7 +56,9 @@ def errors_of(fit: ServoFit, true: dict[str, Any], latency: float) -> tuple[np.n
     off = (gains[free] - wanted[free]) / wanted[free]
     common = np.array([fit.servo.speed_feedforward, fit.servo.reference_filter_s, fit.latency_s])
     apart = common - [true["feedforward"], true["filter_s"], latency]
-    return np.concatenate([off / fit.gain_sd[free], apart / [fit.common_sd[name] for name in COMMON]]), off
+    return np.concatenate(
+        [off / fit.gain_sd[free], apart / [fit.common_sd[name] for name in COMMON]]
+    ), off
 
 
 @pytest.mark.slow
@@ -89,14 +91,20 @@ def test_planted_servos_are_found_within_their_intervals(changed, own, interpola
     assert np.abs(all_errors).max() < 4.5 and 0.4 < np.sqrt(np.mean(np.square(all_errors))) < 1.5
 
 
-def test_a_search_that_does_not_end_begins_again_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_does_not_end_begins_again_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """With lower gains: near the limit of stability it crawls."""
     begun: list[float] = []
     own = identify._Fit.start
-    monkeypatch.setattr(identify._Fit, "start", lambda fit, lower=1.0: begun.append(lower) or own(fit, lower))
+    monkeypatch.setattr(
+        identify._Fit, "start", lambda fit, lower=1.0: begun.append(lower) or own(fit, lower)
+    )
     monkeypatch.setattr(identify, "STEPS", 1)
     true = {**TRUE, "feedforward": 0.8, "filter_s": 3e-3}
-    fit = fit_of(angles_of(False, 0, **true), 0, {"feedback": flexgen.Cascade(*TRUE.values())}, "linear")
+    fit = fit_of(
+        angles_of(False, 0, **true), 0, {"feedback": flexgen.Cascade(*TRUE.values())}, "linear"
+    )
     assert begun == [1.0, *identify.LOWER]
     assert not fit.converged and "the search did not end" in fit.problem and not fit.is_explained
 
@@ -120,9 +128,13 @@ def test_a_robot_whose_gears_have_hysteresis() -> None:
     joints, true = np.linalg.inv(model.eta).T, run.law
     sent, shown = run.reference.motion["q_m"] @ joints, run.nominal.measured @ joints
     record = flexgen.ServoRecord(run.reference.time, sent, shown)
-    first = flexgen.Cascade(1.3 * true.position_gain, 0.8 * true.speed_gain, 1.2 * true.integral_gain)
+    first = flexgen.Cascade(
+        1.3 * true.position_gain, 0.8 * true.speed_gain, 1.2 * true.integral_gain
+    )
     fit = flexgen.identify_servo(model, record, servo=flexgen.Servo(first), progress=False)
     for name in ("position_gain", "speed_gain", "integral_gain"):
-        np.testing.assert_allclose(getattr(fit.servo.feedback, name), getattr(true, name), rtol=1e-6)
+        np.testing.assert_allclose(
+            getattr(fit.servo.feedback, name), getattr(true, name), rtol=1e-6
+        )
     plain = flexgen.identify_servo("elbow", record, servo=flexgen.Servo(first), progress=False)
     assert fit.is_explained and not plain.is_explained

@@ -38,7 +38,8 @@ from flexgen.runtime.path_inversion import Inversion
 pytestmark = needs_compiler
 
 PERIOD, N, PRE, AFTER, EACH = 1e-3, 401, 20, 6000, 5  # s, samples; samples of an interval
-SLOW = {"tool": (0.1, 0.02), "joints": (0.1, 0.3)}  # of stiffness and damping of a joint: zeros that decay in 0.35 s
+# of stiffness and damping of a joint: zeros that decay in 0.35 s
+SLOW = {"tool": (0.1, 0.02), "joints": (0.1, 0.3)}
 ALLOWED = 1e-7  # m or rad
 SOLVERS = ("invert", "invert_limited")  # one library for all tests
 
@@ -46,7 +47,10 @@ SOLVERS = ("invert", "invert_limited")  # one library for all tests
 def test_the_c_has_the_times_of_solve() -> None:
     """How long the last torque is held, the shortest motion after the path [s], and that of the gears."""
     files = clib_files.read_clib()
-    assert f"held_time = {HELD:g};" in files["invert.c"] and f"shortest_end = {SHORTEST:g};" in files["whole_path.h"]
+    assert (
+        f"held_time = {HELD:g};" in files["invert.c"]
+        and f"shortest_end = {SHORTEST:g};" in files["whole_path.h"]
+    )
     assert f"lags = {LAGS:.1f};" in files["motors.h"]
 
 
@@ -57,18 +61,30 @@ def test_a_motion_that_fades_obeys_its_derivatives() -> None:
     u = period * (np.arange(count) - (count - n))[:, None]  # time of the fade [s]
     fade = np.polynomial.Polynomial([1, 0, 0, 0, -35, 84, -70, 20], [0, 1], [0, 1])
     w = fade(np.polynomial.Polynomial([0, 1 / (period * (n - 1))]))
-    motion, last = [np.polynomial.Polynomial([0.3, -0.2, 0.5, k]) for k in (1, -2)], np.array([0.1, -0.4])
+    motion, last = (
+        [np.polynomial.Polynomial([0.3, -0.2, 0.5, k]) for k in (1, -2)],
+        np.array([0.1, -0.4]),
+    )
     curves = [np.hstack([p.deriv(k)(u) if k else p(u) for p in motion]) for k in range(3)]
     inertia = np.array([motor.inertia for motor in model.motors])
     gears, held = np.hstack([np.sin(u), np.cos(u)]), np.array([2.0, -3.0])
     tau = inertia * curves[2] + gears
-    before = Inversion(*curves, gears, *curves[:2], tau, 0, 2 * n, period, 0, 0, 0, 0, 0, 0, 0, True)
+    before = Inversion(
+        *curves, gears, *curves[:2], tau, 0, 2 * n, period, 0, 0, 0, 0, 0, 0, 0, True
+    )
     end = Equilibrium(last, last, held, held)
     after = _fade_to_equilibrium(SimpleNamespace(equations=derive(model)), before, end)
     faded = [w * (p - x) + x for p, x in zip(motion, last, strict=True)]
     q, v, a = (np.hstack([p.deriv(k)(u) if k else p(u) for p in faded])[-n:] for k in range(3))
     share = w(u)[-n:]
-    expected = {"q_a": q, "v_a": v, "a_a": a, "q_m": q, "v_m": v, "tau_g": held + share * (gears[-n:] - held)}
+    expected = {
+        "q_a": q,
+        "v_a": v,
+        "a_a": a,
+        "q_m": q,
+        "v_m": v,
+        "tau_g": held + share * (gears[-n:] - held),
+    }
     expected["tau_m"] = inertia * a + expected["tau_g"]
     for name, values in expected.items():
         assert np.abs(getattr(after, name)[-n:] - values).max() < 1e-9 * np.abs(values).max()
@@ -80,7 +96,9 @@ def arm(output: str) -> Equations:
     """The planar arm with a slow passive joint; its output is the tool, or the joints that have motors."""
     model = last_joint(read("planar5_mp"), *SLOW[output])
     if output == "joints":
-        model = replace(model, output=Output("combination", "", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "rad"))
+        model = replace(
+            model, output=Output("combination", "", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "rad")
+        )
     return derive(model)
 
 
@@ -97,14 +115,18 @@ def left_over(equations: Equations, found: Inversion) -> np.ndarray:
     """How far the motion at the samples after the path moves the output [m or rad]."""
     model, q = equations.model, found.q_a[-1]
     i_g, i_e = list(model.i_g), list(model.i_e)
-    W = evaluate(equations.function("output_constraint"), q, 0 * q, np.zeros(model.output.target_size))[1]
+    W = evaluate(
+        equations.function("output_constraint"), q, 0 * q, np.zeros(model.output.target_size)
+    )[1]
     W = W.reshape(-1, model.n_a)
     M = evaluate(equations.function("mass_matrix"), q)[0].reshape(model.n_a, model.n_a)
     drift = W[:, i_g] @ np.linalg.solve(M[np.ix_(i_g, i_g)], M[np.ix_(i_g, i_e)]) - W[:, i_e]
     rest = equilibrium_at(equations, q).q_a
     after = slice(PRE + N, None)
     moved = [(found.q_a[after] - rest)[:, i_e], HELD * found.v_a[after][:, i_e]]
-    return np.max([np.linalg.norm(x @ X.T, axis=1) for x in moved for X in (W[:, i_e], drift)], axis=0)
+    return np.max(
+        [np.linalg.norm(x @ X.T, axis=1) for x in moved for X in (W[:, i_e], drift)], axis=0
+    )
 
 
 def check_end(size: np.ndarray, n_post: int) -> None:
@@ -134,7 +156,9 @@ def test_the_motion_ends_where_it_has_settled(output: str) -> None:
 
 def test_the_last_sample_and_all_after_it_are_the_equilibrium() -> None:
     equations = arm("tool")
-    found = inversion_library(equations, "lq", SOLVERS).invert(**arguments(equations), settled=ALLOWED)
+    found = inversion_library(equations, "lq", SOLVERS).invert(
+        **arguments(equations), settled=ALLOWED
+    )
     rest = equilibrium_at(equations, found.q_a[-1])
     for name in ("q_a", "tau_g", "q_m", "tau_m"):
         last, expected = getattr(found, name)[-1], getattr(rest, name)
@@ -148,7 +172,10 @@ def test_the_last_sample_and_all_after_it_are_the_equilibrium() -> None:
 
 def test_a_motion_that_does_not_settle_has_all_samples() -> None:
     equations = arm("tool")
-    given, library = {**arguments(equations), "n_post": 300}, inversion_library(equations, "lq", SOLVERS)
+    given, library = (
+        {**arguments(equations), "n_post": 300},
+        inversion_library(equations, "lq", SOLVERS),
+    )
     whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
     assert found.n_post == 300 and len(found.q_a) == PRE + N + 300
     assert (found.tau_m == whole.tau_m).all()
@@ -165,7 +192,10 @@ def test_the_torque_that_is_held_is_that_of_the_equilibrium() -> None:
 
 def test_limits_that_are_not_active_settle_too() -> None:
     equations = arm("tool")
-    given, library = {**arguments(equations), "n_post": 4000}, inversion_library(equations, "lq", SOLVERS)
+    given, library = (
+        {**arguments(equations), "n_post": 4000},
+        inversion_library(equations, "lq", SOLVERS),
+    )
     found = library.invert(**given, settled=ALLOWED)
     limited = library.invert_limited(**given, torque_max=1e4 * np.ones(2), settled=ALLOWED)
     assert limited.n_post == found.n_post < 4000 and not limited.limits_active
@@ -173,12 +203,19 @@ def test_limits_that_are_not_active_settle_too() -> None:
 
 
 def planted(
-    output: str, file: str, right: str, wrong: str, folder: FilePath, monkeypatch: pytest.MonkeyPatch
+    output: str,
+    file: str,
+    right: str,
+    wrong: str,
+    folder: FilePath,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Library:
     """The library with an error in one of its files."""
     texts = dict(clib_files.read_clib())
     assert texts[file].count(right) == 1
-    monkeypatch.setattr(clib_files, "read_clib", lambda: texts | {file: texts[file].replace(right, wrong)})
+    monkeypatch.setattr(
+        clib_files, "read_clib", lambda: texts | {file: texts[file].replace(right, wrong)}
+    )
     return load(flexgen.generate(arm(output).model, folder / "wrong").directory)
 
 
@@ -188,7 +225,8 @@ def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeyp
     cut = "cut_mesh(m, o->samples_per_interval, end);"
     early = f"end->allowed *= 50.0;\n            {cut}\n            end->allowed /= 50.0;"
     equations = arm("tool")
-    given, right = arguments(equations), inversion_library(equations, "lq", SOLVERS)  # before the error is there
+    # before the error is there
+    given, right = arguments(equations), inversion_library(equations, "lq", SOLVERS)
     wrong = planted("tool", "invert.c", cut, early, tmp_path, monkeypatch)
     found, expected = wrong.invert(**given, settled=ALLOWED), right.invert(**given, settled=ALLOWED)
     assert found.n_post == expected.n_post and found.intervals > expected.intervals
@@ -198,7 +236,14 @@ def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeyp
 @pytest.mark.slow
 def test_the_momentum_of_joints_whose_torque_is_held_counts(tmp_path, monkeypatch) -> None:
     """A planted error: where the joints are the output, only their momentum after the motion moves it."""
-    wrong = planted("joints", "invert.c", "s->X[NY + i][j] += ", "s->X[NY + i][j] += 0.0 * ", tmp_path, monkeypatch)
+    wrong = planted(
+        "joints",
+        "invert.c",
+        "s->X[NY + i][j] += ",
+        "s->X[NY + i][j] += 0.0 * ",
+        tmp_path,
+        monkeypatch,
+    )
     equations = arm("joints")
     given = arguments(equations)
     size = left_over(equations, wrong.invert(**given))
@@ -216,7 +261,9 @@ def test_an_invalid_size_is_refused(settled: float) -> None:
 def test_bvp_refuses_the_option_settled() -> None:
     equations = derive("planar5_nmp")
     library = inversion_library(equations, "bvp")
-    with pytest.raises(ArgumentError, match="settled: given 1e-07, expected 0: all samples are computed"):
+    with pytest.raises(
+        ArgumentError, match="settled: given 1e-07, expected 0: all samples are computed"
+    ):
         library.bvp(**arguments(equations), settled=ALLOWED)
 
 
@@ -230,15 +277,23 @@ def test_solve_computes_few_samples_that_it_does_not_return() -> None:
 
 
 @pytest.mark.slow
-def test_vibrations_that_decay_slowly_are_followed_until_they_have_decayed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_vibrations_that_decay_slowly_are_followed_until_they_have_decayed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A zero with a time constant of 1.8 s, which needs more than the usual 5 s after the path."""
     model = last_joint(read("planar5_mp"), 0.1, 0.004)
     move = replace(model.moves[0], duration=0.2)
     lines: list[str] = []
     found = flexgen.solve(model, move, progress=lines.append)
     assert any("vibrations decay with" in line for line in lines)
-    assert found.status == flexgen.Status.SOLVED and not any("not decayed" in text for text in found.warnings)
-    assert 10.0 < found.trajectory.time[-1] < 40.0 and claimed_error(found) < 1e-8 and false_claims(found) == []
+    assert found.status == flexgen.Status.SOLVED and not any(
+        "not decayed" in text for text in found.warnings
+    )
+    assert (
+        10.0 < found.trajectory.time[-1] < 40.0
+        and claimed_error(found) < 1e-8
+        and false_claims(found) == []
+    )
     monkeypatch.setattr(settling, "LONGEST_DECAY", 5.0)  # planted: the usual time
     cut = flexgen.solve(model, move, method="lq", mesh=4e-3)
     (text,) = [text for text in cut.warnings if "not decayed" in text]

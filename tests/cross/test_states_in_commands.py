@@ -37,14 +37,18 @@ Law = tuple[Callable[..., Any], Callable[..., Any]]
 
 def bristles(factor: float, q_m: np.ndarray) -> Law:
     """``law`` and ``kept`` of `Plant`, Coulomb and static torques times a factor."""
-    numbers = {m: row | {k: factor * row[k] for k in ("coulomb", "static")} for m, row in NUMBERS.items()}
+    numbers = {
+        m: row | {k: factor * row[k] for k in ("coulomb", "static")} for m, row in NUMBERS.items()
+    }
     law = Bristles(numbers, q_m.copy())
     return lambda q_g, v_g, q, v, tau: (0.0, -law.torque(q, v), tau), lambda q_g, q: law.keep(q)
 
 
 def gears(factor: float, q_a: np.ndarray, q_m: np.ndarray) -> Law:
     """The same of gears whose lost motion is a factor of 1 arcmin."""
-    return with_lost_motion("elbow", factor * ARCMIN, np.linalg.inv(flexgen.read("elbow").eta) @ q_m - q_a)
+    return with_lost_motion(
+        "elbow", factor * ARCMIN, np.linalg.inv(flexgen.read("elbow").eta) @ q_m - q_a
+    )
 
 
 def replayed(run: flexgen.ControlRun, law: Law, step: float) -> float:
@@ -65,7 +69,9 @@ def replayed(run: flexgen.ControlRun, law: Law, step: float) -> float:
 @pytest.mark.slow
 def test_learning_finds_a_lost_motion_that_is_larger() -> None:
     """2.6 um become 0.012 um; the robot in MuJoCo moves as in the loop; one with the nominal lost motion does not."""
-    learned = flexgen.learn(hysteretic("elbow"), plant={"lost_motion": 1.3}, iterations=3, progress=False)
+    learned = flexgen.learn(
+        hysteretic("elbow"), plant={"lost_motion": 1.3}, iterations=3, progress=False
+    )
     assert learned.errors[-1] < 0.01 * learned.errors[0] and not learned.stopped
     run = learned.runs[learned.best]
     start = run["robot"].q_a[0], run["robot"].q_m[0]
@@ -75,13 +81,19 @@ def test_learning_finds_a_lost_motion_that_is_larger() -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("slips", [SLIPS, BENT])
-def test_learning_finds_lost_motions_of_elements_that_are_larger(slips: tuple[Element, ...]) -> None:
-    learned = flexgen.learn(with_elements("elbow", slips), plant={"lost_motion": 1.3}, iterations=3, progress=False)
+def test_learning_finds_lost_motions_of_elements_that_are_larger(
+    slips: tuple[Element, ...],
+) -> None:
+    learned = flexgen.learn(
+        with_elements("elbow", slips), plant={"lost_motion": 1.3}, iterations=3, progress=False
+    )
     assert learned.errors[-1] < 0.01 * learned.errors[0] and not learned.stopped
     run, model = learned.runs[learned.best], flexgen.read("elbow")
     start = np.linalg.inv(model.eta) @ run["robot"].q_m[0] - run["robot"].q_a[0]
     for factor, expected in ((1.3, True), (1.0, False)):  # and planted
-        elements = Elements([replace(x, lost=factor * x.lost) for x in slips], joint_stiffness(model), start)
+        elements = Elements(
+            [replace(x, lost=factor * x.lost) for x in slips], joint_stiffness(model), start
+        )
         error = replayed(run, law_of_gears("elbow", elements), 1e-4)
         assert error < 1e-9 if expected else error > 1e-5
 
@@ -89,7 +101,10 @@ def test_learning_finds_lost_motions_of_elements_that_are_larger(slips: tuple[El
 @pytest.mark.full
 def test_learning_finds_a_friction_that_is_larger() -> None:
     learned = flexgen.learn(
-        bristled("elbow", NUMBERS), plant={"lugre_coulomb": 1.3, "lugre_static": 1.3}, iterations=3, progress=False
+        bristled("elbow", NUMBERS),
+        plant={"lugre_coulomb": 1.3, "lugre_static": 1.3},
+        iterations=3,
+        progress=False,
     )
     assert learned.errors[-1] < 0.2 * learned.errors[0] and not learned.stopped
     run = learned.runs[learned.best]
@@ -105,12 +120,16 @@ def test_the_first_iteration_knows_what_the_model_has() -> None:
         assert learned.errors[0] < 5e-8
 
 
-def error_of_positions(found: flexgen.PositionCommands, make: Callable[[np.ndarray, np.ndarray], Law]) -> float:
+def error_of_positions(
+    found: flexgen.PositionCommands, make: Callable[[np.ndarray, np.ndarray], Law]
+) -> float:
     """Largest distance [m] of the tool in MuJoCo from the path, under positions between which lines are drawn."""
     path, run, gains = found.run.solution.trajectory, found.run, found.run.law
     k = [np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain)]
     servo = OwnServo(*k, run.reference.held[0], path["q_m"][0], found.servo.speed_feedforward)
-    robot = InMujoco(with_friction(flexgen.read("elbow"), "viscous"), path["q_a"][0], path["q_m"][0])
+    robot = InMujoco(
+        with_friction(flexgen.read("elbow"), "viscous"), path["q_a"][0], path["q_m"][0]
+    )
     law, kept = make(path["q_a"][0], path["q_m"][0])
     arm_at, rotors = robot.at[: robot.model.n_a], robot.at[robot.model.n_a :]
 
@@ -119,7 +138,9 @@ def error_of_positions(found: flexgen.PositionCommands, make: Callable[[np.ndarr
         d.qfrc_applied[arm_at], d.qfrc_applied[rotors] = joints, motors
 
     robot.m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    first = run.reference.time[np.searchsorted(run.reference.time, min(path.time[0], found.time[0]) - 0.02)]
+    first = run.reference.time[
+        np.searchsorted(run.reference.time, min(path.time[0], found.time[0]) - 0.02)
+    ]
     times, angles = [], []
     mujoco.set_mjcb_control(states)
     try:
@@ -134,7 +155,9 @@ def error_of_positions(found: flexgen.PositionCommands, make: Callable[[np.ndarr
                 kept(robot.d.qpos[arm_at], robot.d.qpos[rotors])
     finally:
         mujoco.set_mjcb_control(None)
-    y = evaluate(flexgen.derive(robot.model).function("output"), np.array(angles))[0].reshape(len(times), -1)
+    y = evaluate(flexgen.derive(robot.model).function("output"), np.array(angles))[0].reshape(
+        len(times), -1
+    )
     wanted = path.at(np.clip(times, path.time[0], path.time[-1]))["y_ref"]
     return float(np.linalg.norm((y - wanted)[:, :2], axis=1).max())
 

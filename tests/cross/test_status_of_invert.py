@@ -40,16 +40,27 @@ CASES = [  # and whether the C returns OK
 
 
 @pytest.mark.parametrize(("name", "move", "mesh", "right"), CASES)
-def test_c_and_solve_agree_on_what_is_solved(name: str, move: str, mesh: float, right: bool) -> None:
+def test_c_and_solve_agree_on_what_is_solved(
+    name: str, move: str, mesh: float, right: bool
+) -> None:
     equations = derive(name)
     path = Path(equations, equations.model.move(move))
-    n, period, samples_per_interval, n_pre, n_post = grid(InversionProblem(equations, path, mesh=mesh), mesh)
+    n, period, samples_per_interval, n_pre, n_post = grid(
+        InversionProblem(equations, path, mesh=mesh), mesh
+    )
     y, dy, ddy = samples(Reduction(equations), path, period, n)
     options = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
-    found = inversion_library(equations, "lq").invert(y, dy, ddy, period=period, q_start=path.q_start, **options)
+    found = inversion_library(equations, "lq").invert(
+        y, dy, ddy, period=period, q_start=path.q_start, **options
+    )
     solution = flexgen.solve(equations, move, "lq", mesh=mesh, progress=False)
-    error = max((solution.tool_error_max_m or 0.0) / min(1.0, reach(equations)), solution.tool_error_max_rad or 0.0)
-    assert found.converged == (solution.status is flexgen.Status.SOLVED) == (error < ACCURACY) == right
+    error = max(
+        (solution.tool_error_max_m or 0.0) / min(1.0, reach(equations)),
+        solution.tool_error_max_rad or 0.0,
+    )
+    assert (
+        found.converged == (solution.status is flexgen.Status.SOLVED) == (error < ACCURACY) == right
+    )
     # what the limit of 100 tolerances rests on: what the residual between the nodes does to the output
     assert error < 10 * 0.01 * found.residual_at_samples
     assert found.converged == (found.residual_at_samples < 1e-4) and found.residual < 1e-6
@@ -64,15 +75,21 @@ def test_a_torque_that_ripples_with_the_mesh_is_not_ok(duration: float, right: b
     path = Path(equations, replace(model.moves[0], duration=duration))
 
     def inverted(mesh: float) -> Inversion:
-        n, period, samples_per_interval, n_pre, n_post = grid(InversionProblem(equations, path), mesh)
+        n, period, samples_per_interval, n_pre, n_post = grid(
+            InversionProblem(equations, path), mesh
+        )
         y, dy, ddy = samples(Reduction(equations), path, period, n)
         options = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
-        return inversion_library(equations, "lq").invert(y, dy, ddy, period=period, q_start=path.q_start, **options)
+        return inversion_library(equations, "lq").invert(
+            y, dy, ddy, period=period, q_start=path.q_start, **options
+        )
 
     found, fine = inverted(0.01), inverted(0.01 / 8)
     inside = (found.t >= fine.t[0]) & (found.t <= fine.t[-1])
     torque = make_interp_spline(fine.t, fine.tau_m, k=5)(found.t[inside])
-    error = float((np.abs(found.tau_m[inside] - torque).max(axis=0) / np.abs(fine.tau_m).max(axis=0)).max())
+    error = float(
+        (np.abs(found.tau_m[inside] - torque).max(axis=0) / np.abs(fine.tau_m).max(axis=0)).max()
+    )
     assert 0.3 * error < found.torque_error < 3.0 * error and fine.converged
     assert found.converged == right == (error < 5e-3)
     # what was all that counted: without the estimate each of these torques had the status OK

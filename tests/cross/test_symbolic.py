@@ -54,7 +54,9 @@ def place(position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)) -> Placement:
     return Placement(tuple(position), tuple(tuple(float(x) for x in row) for row in rows))
 
 
-def body(mass: float, com, moments=(2.0, 3.0, 4.0), products=(0.0, 0.0, 0.0), drag: float = 0.0) -> Body:
+def body(
+    mass: float, com, moments=(2.0, 3.0, 4.0), products=(0.0, 0.0, 0.0), drag: float = 0.0
+) -> Body:
     (xx, yy, zz), (xy, yz, xz) = moments, products
     return Body(mass, tuple(com), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), drag)
 
@@ -88,20 +90,36 @@ def robot(name: str, elements, motors, **more) -> RobotModel:
 def skew() -> RobotModel:
     """Skew axes, a translation, a tilted base, gravity in no direction of the frame, full inertias, a payload, drag."""
     dofs = [
-        Dof("turn", "rotation", unit(0.6, 0.0, 0.8), elastic(LinearSpring(900.0)), friction=FRICTION),
+        Dof(
+            "turn", "rotation", unit(0.6, 0.0, 0.8), elastic(LinearSpring(900.0)), friction=FRICTION
+        ),
         Dof("slide", "translation", (0.0, -1.0, 0.0), elastic(CubicSpring(500.0, 70.0), "motor")),
         Dof("bend", "rotation", unit(1.0, 2.0, 3.0), spring=CubicSpring(300.0, 40.0), damping=2.0),
     ]
     elements = [
         Element(
-            "trunk", (dofs[0],), place((0.1, 0.0, 0.4), (0.0, 0.7, 0.0)), body=body(8.0, (0.1, 0.0, 0.2), drag=0.5)
+            "trunk",
+            (dofs[0],),
+            place((0.1, 0.0, 0.4), (0.0, 0.7, 0.0)),
+            body=body(8.0, (0.1, 0.0, 0.2), drag=0.5),
         ),
-        Element("rail", (dofs[1],), place((0.0, 0.3, 0.0), (np.pi / 2, 0.0, np.pi)), body=body(5.0, (0.0, 0.2, 0.0))),
         Element(
-            "hand", (dofs[2],), link=place((0.0, 0.0, 0.5)), body=body(3.0, (0.0, 0.1, 0.2), products=(0.1, 0.2, 0.3))
+            "rail",
+            (dofs[1],),
+            place((0.0, 0.3, 0.0), (np.pi / 2, 0.0, np.pi)),
+            body=body(5.0, (0.0, 0.2, 0.0)),
+        ),
+        Element(
+            "hand",
+            (dofs[2],),
+            link=place((0.0, 0.0, 0.5)),
+            body=body(3.0, (0.0, 0.1, 0.2), products=(0.1, 0.2, 0.3)),
         ),
     ]
-    motors = [Motor("a", 0.01, ("turn",), (80.0,), FRICTION), Motor("b", 0.02, ("slide",), (-300.0,))]
+    motors = [
+        Motor("a", 0.01, ("turn",), (80.0,), FRICTION),
+        Motor("b", 0.02, ("slide",), (-300.0,)),
+    ]
     payload = body(4.0, (0.0, 0.1, 0.3), (0.2, 0.3, 0.25))
     return robot("skew", elements, motors, base=place((1.0, 2.0, 3.0), (0.3, -0.2, 0.5)), gravity=(1.0, -2.0, -9.0),
                  payload=payload)  # fmt: skip
@@ -118,7 +136,12 @@ def anthropomorphic(coupling: str = "simplified", rigid: bool = False) -> RobotM
     elements = [
         Element("waist", (dofs[0],), body=body(20.0, (0.0, 0.0, 0.2))),
         Element("upper", (dofs[1],), place((0.1, 0.0, 0.5)), body=body(10.0, (0.2, 0.0, 0.0))),
-        Element("fore", (dofs[2],), place((0.6, 0.0, 0.0)), body=body(6.0, (0.3, 0.0, 0.0), (0.1, 0.4, 0.4))),
+        Element(
+            "fore",
+            (dofs[2],),
+            place((0.6, 0.0, 0.0)),
+            body=body(6.0, (0.3, 0.0, 0.0), (0.1, 0.4, 0.4)),
+        ),
     ]
     motors = [
         Motor("m1", 0.01, ("q1",), (-60.0,), FRICTION, (0.0, 0.0, 1.0), "base"),
@@ -136,7 +159,9 @@ def model_of(name: str) -> RobotModel:
     if name == "tree":
         arm = anthropomorphic("complete")
         tool = Tool(arm.tool.position, arm.tool.rotation, "upper")
-        return replace(arm, elements=(*arm.elements[:2], replace(arm.elements[2], parent="waist")), tool=tool)
+        return replace(
+            arm, elements=(*arm.elements[:2], replace(arm.elements[2], parent="waist")), tool=tool
+        )
     if name.startswith("arm-"):
         return anthropomorphic("complete" if "complete" in name else "simplified", "rigid" in name)
     return read(name)
@@ -160,12 +185,18 @@ def states(model: RobotModel, n: int = STATES):
         for k, x in enumerate(arm):
             follow = model.eta @ x[list(model.i_g)]
             off = model.eta @ rng.uniform(-0.1, 0.1, model.n_g)
-            motors.append(follow + np.where(np.isin(range(model.n_m), model.i_m), off, 0.0) * (1 if k == 0 else 5))
+            motors.append(
+                follow
+                + np.where(np.isin(range(model.n_m), model.i_m), off, 0.0) * (1 if k == 0 else 5)
+            )
         yield (*arm, *motors)
 
 
 def assert_close(found, expected, scale=None) -> None:
-    found, expected = np.asarray(found, dtype=float).ravel(), np.asarray(expected, dtype=float).ravel()
+    found, expected = (
+        np.asarray(found, dtype=float).ravel(),
+        np.asarray(expected, dtype=float).ravel(),
+    )
     scale = np.abs(expected).max() if scale is None else scale
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=ROUNDING * max(scale, 1e-3))
 
@@ -181,22 +212,37 @@ def test_agrees_with_the_casadi_equations(name):
         assert_close(c + g, equations.function("bias")(q, v), scale)
         assert_close(g, equations.function("gravity")(q))
         assert_close(M @ a + c + g, equations.function("inverse_dynamics")(q, v, a))
-        assert_close(tool(q)[0], equations.function("forward_kinematics")(q)[0], 1.0 + np.abs(q).max())
+        assert_close(
+            tool(q)[0], equations.function("forward_kinematics")(q)[0], 1.0 + np.abs(q).max()
+        )
 
 
 @pytest.mark.parametrize("name", FILES + SYNTHETIC)
 def test_whole_machine_agrees_with_the_casadi_residual(name):
-    model, residual, found = model_of(name), derive(model_of(name)).function("residual"), closed(name)
+    model, residual, found = (
+        model_of(name),
+        derive(model_of(name)).function("residual"),
+        closed(name),
+    )
     n, rigid = model.n_a, [j for j in range(model.n_m) if j not in model.i_m]
     held = {s: 0 for s, torque in zip(found.tau, found.torques, strict=True) if torque is None}
     torques = sp.Matrix([0 if torque is None else torque for torque in found.torques])
-    arm = found.M * sp.Matrix(found.a_a) + found.S * sp.Matrix(found.a_m) + found.c + found.g + found.friction
-    machine = found.function(arm + found.drag - torques, sp.Matrix(found.motor_equations).xreplace(held))
+    arm = (
+        found.M * sp.Matrix(found.a_a)
+        + found.S * sp.Matrix(found.a_m)
+        + found.c
+        + found.g
+        + found.friction
+    )
+    machine = found.function(
+        arm + found.drag - torques, sp.Matrix(found.motor_equations).xreplace(held)
+    )
     for state in states(model):
         tau_m = np.linspace(5.0, 9.0, model.n_m)
         r_a, left = (x.ravel() for x in machine(*state))
         r_m = left - tau_m
-        r_a[list(model.i_g)] += model.eta[rigid].T @ r_m[rigid]  # a rigid gear hands the motor's torque to the arm
+        # a rigid gear hands the motor's torque to the arm
+        r_a[list(model.i_g)] += model.eta[rigid].T @ r_m[rigid]
         r_m[rigid] = 0.0
         expected = [np.asarray(x, dtype=float).ravel() for x in residual(*state, tau_m)]
         scale = np.abs(np.concatenate(expected)).max()
@@ -249,8 +295,15 @@ def test_coordinates_of_one_number_keep_their_names():
     assert r"\tau_{\mathrm{e1}} &= " in tex and "v_{1}" not in tex
     assert [s.name for s in closed("elbow").v_a] == ["v1", "v2"]
     elbow = model_of("elbow")
-    motor = symbolic(unchecked(elbow, motors=(unchecked(elbow.motors[0], name="1"), elbow.motors[1])))
-    assert [s.name for s in (*motor.tau, *motor.tau_m)] == ["tau_1", "tau_2", "tau_1_motor", "tau_m2"]
+    motor = symbolic(
+        unchecked(elbow, motors=(unchecked(elbow.motors[0], name="1"), elbow.motors[1]))
+    )
+    assert [s.name for s in (*motor.tau, *motor.tau_m)] == [
+        "tau_1",
+        "tau_2",
+        "tau_1_motor",
+        "tau_m2",
+    ]
 
 
 def test_gravity_vector_and_its_strength_have_different_names():
@@ -270,7 +323,9 @@ def test_a_wrong_sign_would_be_seen():
 def test_symbolic_equations_share_no_code_with_the_casadi_equations():
     own = {"equations", "chain", "elements", "trigonometric", "printing"}
     for name in own:
-        source = (Path(flexgen.__file__).parent / "equations_text" / f"{name}.py").read_text(encoding="utf-8")
+        source = (Path(flexgen.__file__).parent / "equations_text" / f"{name}.py").read_text(
+            encoding="utf-8"
+        )
         assert "import casadi" not in source and "from casadi" not in source
         assert set(re.findall(r"from flexgen\.equations_text\.(\w+) import", source)) <= own
         assert "flexgen.mechanics" not in source and "flexgen.recursion" not in source
@@ -296,7 +351,9 @@ def test_symbolic_equations_of_planar5_mp_are_short_and_take_at_most_10_seconds(
 
 def test_squares_of_absolute_angles_are_found():
     m, length, x, q1, q2 = (sp.Symbol(name, real=True) for name in ("m", "l", "x", "q1", "q2"))
-    ring = TrigonometricRing([m, length, x], [q1, q2], heavy=[m], absolute=accumulate_angles([0, 1]))
+    ring = TrigonometricRing(
+        [m, length, x], [q1, q2], heavy=[m], absolute=accumulate_angles([0, 1])
+    )
     cos_sum = ring.cos(q1) * ring.cos(q2) - ring.sin(q1) * ring.sin(q2)
     radius = ring.element(length) * ring.cos(q1) + ring.element(x) * cos_sum
     found = ring.expression(ring.reduce(ring.element(m) * radius**2))
@@ -349,7 +406,9 @@ def test_latex_is_well_formed(name):
     assert "Dummy" not in text and "\\left\\{\\begin{matrix}" not in text
 
 
-HOSTILE = "x} \\input{/etc/passwd} \\end{document} $^^5cwrite18{rm}$ % & # _ ~ <\n\n\\par \x00 é \u03b1"
+HOSTILE = (
+    "x} \\input{/etc/passwd} \\end{document} $^^5cwrite18{rm}$ % & # _ ~ <\n\n\\par \x00 é \u03b1"
+)
 
 
 def test_hostile_text_cannot_become_a_command():
@@ -359,7 +418,13 @@ def test_hostile_text_cannot_become_a_command():
     motors = (replace(elbow.motors[0], name=HOSTILE, drives=(HOSTILE,)), elbow.motors[1])
     elements = (replace(first, name=HOSTILE, dofs=(dof,)), second)
     model = unchecked(
-        elbow, name=HOSTILE, description=HOSTILE, source=HOSTILE, variant=HOSTILE, elements=elements, motors=motors
+        elbow,
+        name=HOSTILE,
+        description=HOSTILE,
+        source=HOSTILE,
+        variant=HOSTILE,
+        elements=elements,
+        motors=motors,
     )
     found = symbolic(model)
     text = found.latex()

@@ -40,7 +40,9 @@ def test_tool_motion_is_the_derivative_of_the_pose(name):
         return (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * h)
 
     def second(values) -> np.ndarray:
-        return (16 * (values[1] + values[-1]) - (values[2] + values[-2]) - 30 * values[0]) / (12 * h**2)
+        return (16 * (values[1] + values[-1]) - (values[2] + values[-2]) - 30 * values[0]) / (
+            12 * h**2
+        )
 
     p, R = ({k: value[i] for k, value in grid.items()} for i in (0, 1))
     dR, ddR = first(R), second(R)
@@ -85,7 +87,9 @@ def test_forces_on_the_tool_act_as_in_mujoco(name):
         assert np.allclose(M @ (a_a - plain), expected, rtol=0, atol=1e-8 * np.abs(expected).max())
         assert np.array_equal(tau_g, equations.function("gear_torque")(*state[:4]).full().ravel())
         still = function(*state, np.zeros(6))
-        assert np.allclose(still[0].full().ravel(), plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
+        assert np.allclose(
+            still[0].full().ravel(), plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max()
+        )
         motors = equations.function("forward_dynamics")(*state)[1].full().ravel()
         elastic = list(model.i_m)
         assert np.allclose(a_m[elastic], motors[elastic], rtol=1e-12)  # springs are between
@@ -97,7 +101,11 @@ def test_bodies_and_rotors_at_run_time_are_as_good_as_changed_models():
     names = (f"{bodies[0]}.mass", f"{bodies[0]}.com_x", f"{bodies[-1]}.inertia_zz", "m1.inertia")
     equations = derive(model, names)
     values = np.array([1.3 * p.value + 0.01 for p in equations.parameters])
-    other = derive(with_values(model, dict(zip([p.name for p in equations.parameters], values.tolist(), strict=True))))
+    other = derive(
+        with_values(
+            model, dict(zip([p.name for p in equations.parameters], values.tolist(), strict=True))
+        )
+    )
     x = {key: value[0] for key, value in random_states(model, 1).items()}
     state = [x[key] for key in ("q_a", "v_a", "q_m", "v_m", "tau_m")]
     assert recursive_function(equations, "forward_dynamics") is None
@@ -117,7 +125,9 @@ def test_sensors_of_the_library_are_the_graphs():
     model = equations.model
     x = {key: value[0] for key, value in random_states(model, 1).items()}
     signals = equations.function("sensors")(x["q_a"], x["v_a"], x["a_a"]).full().ravel()
-    v, a = (y.full().ravel() for y in equations.function("tool_motion")(x["q_a"], x["v_a"], x["a_a"]))
+    v, a = (
+        y.full().ravel() for y in equations.function("tool_motion")(x["q_a"], x["v_a"], x["a_a"])
+    )
     p, R = (y.full() for y in equations.function("forward_kinematics")(x["q_a"]))
     assert np.allclose(signals[:3], R.T @ (a[:3] - np.array(model.gravity)), atol=1e-10)
     assert np.isclose(signals[3], (R.T @ v[3:])[2], atol=1e-12)
@@ -138,7 +148,8 @@ def test_derivatives_of_the_sensors_are_those_of_central_differences():
     for k, exact in enumerate(found):
         for i in range(model.n_a):
             up, down = (
-                [y + s * 1e-5 * (np.arange(model.n_a) == i) * (j == k) for j, y in enumerate(x)] for s in (1, -1)
+                [y + s * 1e-5 * (np.arange(model.n_a) == i) * (j == k) for j, y in enumerate(x)]
+                for s in (1, -1)
             )
             numeric = (library.sensors(*up) - library.sensors(*down)) / 2e-5
             assert np.abs(numeric - exact[:, i]).max() < 1e-6 * max(1.0, np.abs(exact).max())

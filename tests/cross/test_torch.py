@@ -16,7 +16,8 @@ import flexgen
 from flexgen.errors import ArgumentError
 
 torch = pytest.importorskip("torch", reason="the package torch is not installed: make test-arrays")
-pytestmark = pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")  # of torch, in its forward mode
+# of torch, in its forward mode
+pytestmark = pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = ("elbow", ("gravity", "mass_matrix"), (), "double")
 PLANAR = ("planar5_nmp", None, (), "double")
@@ -44,7 +45,9 @@ def parts(result):
 
 def equal(one, other) -> bool:
     pairs = zip(parts(one), parts(other), strict=True)
-    return all(np.array_equal(np.asarray(a), b) and np.asarray(a).dtype == b.dtype for a, b in pairs)
+    return all(
+        np.array_equal(np.asarray(a), b) and np.asarray(a).dtype == b.dtype for a, b in pairs
+    )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -59,7 +62,8 @@ def test_results_have_the_bits_of_the_library(case) -> None:
         assert equal(f(*tensors(many)), expected), name
         assert equal(f(*tensors(np.asfortranarray(x) for x in many)), expected), name
         folded = [
-            x.reshape(20, 15, *p.shape) if x.ndim > len(p.shape) else x for x, p in zip(many, inputs, strict=True)
+            x.reshape(20, 15, *p.shape) if x.ndim > len(p.shape) else x
+            for x, p in zip(many, inputs, strict=True)
         ]
         for x, y in zip(parts(f(*tensors(folded))), parts(expected), strict=True):
             assert np.array_equal(x.reshape(y.shape), y), name
@@ -78,7 +82,9 @@ def jacobians(case, name: str, x):
         return torch.cat([y.reshape(-1) for y in parts(f(*x))])
 
     at = tuple(range(len(x)))
-    back, forward = (kind(flat, argnums=at)(*tensors(x)) for kind in (torch.func.jacrev, torch.func.jacfwd))
+    back, forward = (
+        kind(flat, argnums=at)(*tensors(x)) for kind in (torch.func.jacrev, torch.func.jacfwd)
+    )
     for one, other in zip(forward, back, strict=True):
         assert (one - other).abs().max() <= 1e-12 * one.abs().max(), name
     return [J.numpy() for J in back]
@@ -91,14 +97,17 @@ def test_gradcheck_of_torch(case) -> None:
     for name in ("gravity", "mass_matrix", "forward_dynamics", "tool_motion"):
         if name in dir(made):
             x = tensors(drawn(robot, name, 3))
-            sizes = [y.abs().clamp(min=1.0) for y in x]  # (the differences have one step for all entries)
+            # (the differences have one step for all entries)
+            sizes = [y.abs().clamp(min=1.0) for y in x]
             at = [(y / size).requires_grad_() for y, size in zip(x, sizes, strict=True)]
 
             def call(*z, name=name, sizes=sizes):
                 result = parts(getattr(made, name)(*(s * y for s, y in zip(sizes, z, strict=True))))
                 return tuple(y / 1e3 for y in result)
 
-            assert torch.autograd.gradcheck(call, at, eps=1e-6, atol=1e-5, rtol=1e-5, check_forward_ad=True), name
+            assert torch.autograd.gradcheck(
+                call, at, eps=1e-6, atol=1e-5, rtol=1e-5, check_forward_ad=True
+            ), name
 
 
 def test_a_planted_sign_is_caught(monkeypatch) -> None:
@@ -127,7 +136,8 @@ def test_gradients_of_what_the_points_share_are_sums() -> None:
     made.forward_dynamics(*tensors(x), given).a_a.sum().backward()
     weights = np.ones(robot.sizes["n_a"]), np.zeros(robot.sizes["n_m"])
     back = [
-        robot.forward_dynamics_vjp(*(y[k] for y in x), *weights, parameters=p).parameters_cotangent for k in range(30)
+        robot.forward_dynamics_vjp(*(y[k] for y in x), *weights, parameters=p).parameters_cotangent
+        for k in range(30)
     ]
     assert np.allclose(given.grad, np.sum(back, axis=0), rtol=1e-12)
 
@@ -168,7 +178,10 @@ def test_wrong_calls_are_refused_with_the_reason() -> None:
     other = flexgen.torch.functions(closed)
     closed.close()
     for call, reason in (
-        (lambda: made.gravity(torch.zeros(3)), r"gravity, q_a: given shape \(3,\), expected \(2,\)"),
+        (
+            lambda: made.gravity(torch.zeros(3)),
+            r"gravity, q_a: given shape \(3,\), expected \(2,\)",
+        ),
         (lambda: made.gravity(torch.zeros(2) * 1j), "real numbers"),
         (lambda: made.gravity(torch.zeros(2, device="meta")), "expected one on the CPU"),
         (lambda: g.sum().backward(), "flexgen has no second derivatives"),
@@ -182,8 +195,12 @@ def test_wrong_calls_are_refused_with_the_reason() -> None:
 @pytest.mark.slow
 def test_python_of_the_page_runs(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "pytorch.md").read_text(encoding="utf-8")
-    code = "\n".join(re.findall(r"^<!-- torch -->\n```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    code = "\n".join(
+        re.findall(r"^<!-- torch -->\n```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     stated = re.findall(r"^print\(.*\)\s+# (.*)$", code, re.MULTILINE)
     assert stated and all(line in done.stdout for line in stated), done.stdout

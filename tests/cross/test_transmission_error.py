@@ -33,7 +33,9 @@ def errors(name: str) -> list[float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3_18", marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp", pytest.param("manutec_r3_18", marks=pytest.mark.full)]
+)
 def test_mujoco_with_the_sums_follows_the_path(name: str) -> None:
     """Of 403 um and 694 um, less than 0.001 um are left where the sums are known; 77 um and 155 um with others."""
     unknown, known, wrong = errors(name)
@@ -57,10 +59,16 @@ def functions_of(model: flexgen.RobotModel) -> list[str]:
     return [name for name in INVERTING if name in offered_functions(model)]
 
 
-def path_of(model: flexgen.RobotModel, period: float, still: int = 0) -> tuple[np.ndarray, list[np.ndarray]]:
+def path_of(
+    model: flexgen.RobotModel, period: float, still: int = 0
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """Start of a move, and samples of its output with two derivatives between ``still`` ones at rest."""
     move = flexgen.plan(model)
-    t = np.clip((np.arange(round(move.duration / period) + 1 + 2 * still) - still) * period, 0.0, move.duration)
+    t = np.clip(
+        (np.arange(round(move.duration / period) + 1 + 2 * still) - still) * period,
+        0.0,
+        move.duration,
+    )
     y, dy, ddy = (np.ascontiguousarray(x) for x in move.sample(t).y.transpose(2, 0, 1)[:3])
     inside = ((t > 0.0) & (t < move.duration))[:, None]
     return move.q_start, [y, dy * inside, ddy * inside]
@@ -71,8 +79,12 @@ def whole_path_error(model: flexgen.RobotModel, library: Library) -> float:
     path = flexgen.solve(model, method="closed-form", verify=False, progress=False).trajectory
     move = flexgen.plan(model)
     inside = path.time <= move.duration + 1e-9
-    y, dy, ddy = (np.ascontiguousarray(x) for x in move.sample(path.time[inside]).y.transpose(2, 0, 1)[:3])
-    found = library.invert(y, dy, ddy, period=float(path.time[1] - path.time[0]), q_start=move.q_start)
+    y, dy, ddy = (
+        np.ascontiguousarray(x) for x in move.sample(path.time[inside]).y.transpose(2, 0, 1)[:3]
+    )
+    found = library.invert(
+        y, dy, ddy, period=float(path.time[1] - path.time[0]), q_start=move.q_start
+    )
     n = int(inside.sum()) - 8  # the last ones are held differently
     pairs = [(getattr(found, name)[:n], path[name][:n]) for name in ("q_m", "v_m", "tau_m")]
     return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in pairs)
@@ -91,18 +103,24 @@ def stream_error(model: flexgen.RobotModel, library: Library, period: float) -> 
 @pytest.fixture(scope="module")
 def elbow(tmp_path_factory: pytest.TempPathFactory) -> tuple[flexgen.RobotModel, Library]:
     model = harmonic("elbow")
-    return model, flexgen.load(flexgen.generate(model, tmp_path_factory.mktemp("elbow"), progress=False).directory)
+    return model, flexgen.load(
+        flexgen.generate(model, tmp_path_factory.mktemp("elbow"), progress=False).directory
+    )
 
 
 @needs_compiler
-def test_whole_paths_and_streams_are_the_stage_in_python(elbow: tuple[flexgen.RobotModel, Library]) -> None:
+def test_whole_paths_and_streams_are_the_stage_in_python(
+    elbow: tuple[flexgen.RobotModel, Library],
+) -> None:
     model, library = elbow
     assert whole_path_error(model, library) < 1e-9
     assert stream_error(model, library, 5e-4) < 1e-9
 
 
 @needs_compiler
-def test_emitted_accelerations_are_the_lagrangians(elbow: tuple[flexgen.RobotModel, Library]) -> None:
+def test_emitted_accelerations_are_the_lagrangians(
+    elbow: tuple[flexgen.RobotModel, Library],
+) -> None:
     model, library = elbow
     rng = np.random.default_rng(2)
     given = [rng.uniform(-1.0, 1.0, n) for n in (2, 2, 2, 2, 2)]
@@ -116,13 +134,23 @@ def test_libraries_without_the_sums_have_no_trace_of_them() -> None:
     for text in clib_files.read_clib().values():
         plain = clib_files.render(text, "arm")
         assert "HARMONICS" not in plain and "motor_harmonics" not in plain
-    assert "motor_harmonics" in clib_files.render(clib_files.read_clib()["motors.h"], "arm", parts=["HARMONICS"])
+    assert "motor_harmonics" in clib_files.render(
+        clib_files.read_clib()["motors.h"], "arm", parts=["HARMONICS"]
+    )
 
 
 PLANTED = {
     "share": ("torque += share[j] * eta_inverse", "torque += eta_inverse", "motors.h"),
-    "share of points": ("torque += load_v(&share[j][l]) * eta_inverse", "torque += eta_inverse", "whole_path.h"),
-    "cogging": ("torque -= load_v(&cogging[j][l]);", "torque += load_v(&cogging[j][l]);", "whole_path.h"),
+    "share of points": (
+        "torque += load_v(&share[j][l]) * eta_inverse",
+        "torque += eta_inverse",
+        "whole_path.h",
+    ),
+    "cogging": (
+        "torque -= load_v(&cogging[j][l]);",
+        "torque += load_v(&cogging[j][l]);",
+        "whole_path.h",
+    ),
     "ripple": ("torque /= load_v(&gain[j][l]);", "torque *= load_v(&gain[j][l]);", "whole_path.h"),
 }
 
@@ -130,13 +158,21 @@ PLANTED = {
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", PLANTED)
-def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str) -> None:
+def test_planted_errors_of_the_c_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str
+) -> None:
     old, new, file = PLANTED[bug]
     plant_in_c(monkeypatch, file, old, new)
     model = harmonic("elbow")
-    made = generate_parts(model, tmp_path, functions_of(model), ("invert", "stream"), progress=lambda line: None)
+    made = generate_parts(
+        model, tmp_path, functions_of(model), ("invert", "stream"), progress=lambda line: None
+    )
     with flexgen.load(made.directory) as library:
-        found = stream_error(model, library, 5e-4) if file == "motors.h" else whole_path_error(model, library)
+        found = (
+            stream_error(model, library, 5e-4)
+            if file == "motors.h"
+            else whole_path_error(model, library)
+        )
         assert found > 1e-5
 
 
@@ -150,7 +186,9 @@ def test_coefficients_at_run_time_are_those_of_another_model(tmp_path: Path) -> 
     other = flexgen.generate(with_values(model, numbers), tmp_path / "b", progress=False)
     q_start, (y, dy, ddy) = path_of(model, 5e-4)
     with flexgen.load(made.directory) as one, flexgen.load(other.directory) as two:
-        torques = one.invert(y, dy, ddy, period=5e-4, q_start=q_start, parameters=list(numbers.values())).tau_m
+        torques = one.invert(
+            y, dy, ddy, period=5e-4, q_start=q_start, parameters=list(numbers.values())
+        ).tau_m
         expected = two.invert(y, dy, ddy, period=5e-4, q_start=q_start).tau_m
         assert np.abs(torques - expected).max() < 1e-12 * np.abs(expected).max()
 

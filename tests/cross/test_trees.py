@@ -30,8 +30,15 @@ STATE = ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
 
 def on_trees(check, count: int, start: int = 0) -> None:
     """A check of that many random trees, the same ones every time."""
-    quiet = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "print_blob": False}
-    settings(max_examples=count, phases=(Phase.generate,), **quiet)(seed(start)(given(trees())(check)))()
+    quiet = {
+        "database": None,
+        "deadline": None,
+        "suppress_health_check": list(HealthCheck),
+        "print_blob": False,
+    }
+    settings(max_examples=count, phases=(Phase.generate,), **quiet)(
+        seed(start)(given(trees())(check))
+    )()
 
 
 def check_tree(case: Case) -> None:
@@ -52,9 +59,17 @@ def check_recursion(equations, case: Case) -> None:
         slow, checked = equations.function(name), checked + 1
         for s in case.states:
             known = {port: getattr(s, port) for port in STATE} | {"a_m": 1.0 + 0.0 * s.q_m}
-            arguments = [known.get(port, np.full(fast.size_in(port), 0.3)) for port in fast.name_in()]
+            arguments = [
+                known.get(port, np.full(fast.size_in(port), 0.3)) for port in fast.name_in()
+            ]
             for x, y in zip(fast.call(arguments), slow.call(arguments), strict=True):
-                close(name, np.array(x), np.array(y), LARGEST, 1e-9 + np.abs(np.array(y)).max(initial=0.0))
+                close(
+                    name,
+                    np.array(x),
+                    np.array(y),
+                    LARGEST,
+                    1e-9 + np.abs(np.array(y)).max(initial=0.0),
+                )
     assert checked >= 6
 
 
@@ -78,7 +93,9 @@ def without_leads(lay):
 
     def planted(*arguments):
         chain = lay(*arguments)
-        return replace(chain, joints=tuple(replace(joint, lead=(1.0, 0.0)) for joint in chain.joints))
+        return replace(
+            chain, joints=tuple(replace(joint, lead=(1.0, 0.0)) for joint in chain.joints)
+        )
 
     return planted
 
@@ -110,7 +127,9 @@ def test_planted_bugs_of_the_frames_are_found(monkeypatch, bug):
 def test_an_element_on_another_parent_is_found():
     def check(case: Case) -> None:
         elements = list(case.model.elements)
-        k = next(k for k in range(1, len(elements)) if case.model.parents[elements[k].name] != "base")
+        k = next(
+            k for k in range(1, len(elements)) if case.model.parents[elements[k].name] != "base"
+        )
         elements[k] = replace(elements[k], parent="base")
         check_mujoco(Found(derive(replace(case.model, elements=tuple(elements)))), case)
 
@@ -133,10 +152,16 @@ def same_functions(first: RobotModel, second: RobotModel) -> None:
     rng = np.random.default_rng(3)
     q, v, dv = rng.uniform(-1, 1, (3, first.n_a))
     assert [c.name for c in first.coordinates] == [c.name for c in second.coordinates]
-    for name, arguments in (("inverse_dynamics", (q, v, dv)), ("forward_kinematics", (q,)), ("sensors", (q, v, dv))):
+    for name, arguments in (
+        ("inverse_dynamics", (q, v, dv)),
+        ("forward_kinematics", (q,)),
+        ("sensors", (q, v, dv)),
+    ):
         if name == "sensors" and not first.sensors:
             continue
-        for x, y in zip(a.function(name).call(arguments), b.function(name).call(arguments), strict=True):
+        for x, y in zip(
+            a.function(name).call(arguments), b.function(name).call(arguments), strict=True
+        ):
             close(name, np.array(x), np.array(y), 1e-12, 1e-12 + np.abs(np.array(y)).max())
 
 
@@ -178,7 +203,8 @@ def test_the_joints_of_all_branches_follow_in_mujoco(two_arms):
         return np.concatenate([v_a, v_m, *machine.forward_dynamics(q_a, v_a, q_m, v_m, torque(t))])
 
     x = np.concatenate([np.ravel(start[name]) for name in ("q_a", "q_m", "v_a", "v_m")])
-    times = move.time[move.time <= 1.0]  # later the unstable arms, at rest, have grown to all that rounding gives
+    # later the unstable arms, at rest, have grown to all that rounding gives
+    times = move.time[move.time <= 1.0]
     found = solve_ivp(slope, times[[0, -1]], x, "DOP853", t_eval=times, rtol=1e-9, atol=1e-11)
     error = np.abs(found.y[:n].T - move.channels["q_a"][: len(times)])[:, list(two_arms.i_g)]
     assert error.max() < 1e-6 and np.ptp(move.channels["q_a"], axis=0).max() > 0.29

@@ -54,7 +54,9 @@ def difference(model: RobotModel, again: RobotModel, count: int = 3, forward: bo
     worst = 0.0
     for _ in range(count):
         q, v, acceleration = rng.uniform(-1.0, 1.0, (3, model.n_a))
-        q_m = model.eta @ q[list(model.i_g)] + 0.01 * rng.uniform(-1.0, 1.0, model.n_m) * np.abs(model.eta).max(axis=1)
+        q_m = model.eta @ q[list(model.i_g)] + 0.01 * rng.uniform(-1.0, 1.0, model.n_m) * np.abs(
+            model.eta
+        ).max(axis=1)
         v_m, tau = rng.uniform(-1.0, 1.0, (2, model.n_m))
         calls = {
             "inverse_dynamics": (q, v, acceleration),
@@ -66,7 +68,9 @@ def difference(model: RobotModel, again: RobotModel, count: int = 3, forward: bo
         if not forward:
             del calls["forward_dynamics"]
         for name, at in calls.items():
-            for one, other in zip(evaluate(a.function(name), *at), evaluate(b.function(name), *at), strict=True):
+            for one, other in zip(
+                evaluate(a.function(name), *at), evaluate(b.function(name), *at), strict=True
+            ):
                 worst = max(worst, float(np.abs(one - other).max() / (np.abs(one).max() or 1.0)))
     return worst
 
@@ -88,7 +92,9 @@ def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
         theirs_q = np.zeros(robot.nq)
         for k, name in enumerate(names, 1):
             joint, value = robot.joints[k], q[at[name]]
-            theirs_q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            theirs_q[joint.idx_q : joint.idx_q + joint.nq] = (
+                value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            )
         order = [robot.joints[k].idx_v for k in range(1, len(names) + 1)]
         theirs_v, theirs_a = np.zeros((2, robot.nv))
         theirs_v[order], theirs_a[order] = v[rows], a[rows]
@@ -100,9 +106,17 @@ def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
         tip = robot.getFrameId(flexgen.read(path.with_suffix(".toml")).tip)
         pin.framesForwardKinematics(robot, data, theirs_q)
         base = pin.SE3(np.array(model.base.rotation), np.array(model.base.position))
-        tool = base * data.oMf[tip] * pin.SE3(np.array(model.tool.rotation), np.array(model.tool.position))
+        tool = (
+            base
+            * data.oMf[tip]
+            * pin.SE3(np.array(model.tool.rotation), np.array(model.tool.position))
+        )
         p, R = evaluate(equations.function("forward_kinematics"), q)
-        worst = max(worst, float(np.abs(tool.translation - p[0]).max()), float(np.abs(tool.rotation - R[0]).max()))
+        worst = max(
+            worst,
+            float(np.abs(tool.translation - p[0]).max()),
+            float(np.abs(tool.rotation - R[0]).max()),
+        )
     return worst
 
 
@@ -123,7 +137,18 @@ def test_round_trip(name, tmp_path):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
     again = flexgen.read(tmp_path / "arm.toml")
     assert difference(model, again) < SAME
-    same = ("name", "description", "source", "gravity", "base", "tool", "payload", "output", "home", "motor_coupling")
+    same = (
+        "name",
+        "description",
+        "source",
+        "gravity",
+        "base",
+        "tool",
+        "payload",
+        "output",
+        "home",
+        "motor_coupling",
+    )
     assert all(getattr(model, key) == getattr(again, key) for key in same)
     assert model.motors == again.motors and model.coordinates == tuple(
         replace(c, dof=replace(c.dof, axis=o.dof.axis), element=o.element)
@@ -145,14 +170,22 @@ def test_random_robots(coupling, tmp_path):
         try:
             path, overlay = export_urdf(model, tmp_path / "arm.urdf").files
         except ModelError as reason:
-            assert re.search("rotational_drag|does not move relative|without moving any mass", str(reason))
+            assert re.search(
+                "rotational_drag|does not move relative|without moving any mass", str(reason)
+            )
             return
         again = flexgen.read(overlay)
         compared.append(difference(model, again, 2, forward=False))
-        assert difference(model, again, 2) < 1e-9  # the condition of a mass matrix of these robots is up to 1e6
+        # the condition of a mass matrix of these robots is up to 1e6
+        assert difference(model, again, 2) < 1e-9
         assert compared[-1] < 10 * SAME and rigid_difference(model, path, 2) < 10 * RIGID
 
-    quiet = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "print_blob": False}
+    quiet = {
+        "database": None,
+        "deadline": None,
+        "suppress_health_check": list(HealthCheck),
+        "print_blob": False,
+    }
     settings(max_examples=12, phases=(Phase.generate,), **quiet)(
         seed(2)(given(cases(linear=True, coupling=coupling))(check))
     )()
@@ -175,7 +208,11 @@ def test_springs_and_frictions(spring, tmp_path):
     elements = []
     for element in model.elements:
         (dof,) = element.dofs
-        dof = replace(dof, spring=spring) if dof.gear is None else replace(dof, gear=replace(dof.gear, spring=spring))
+        dof = (
+            replace(dof, spring=spring)
+            if dof.gear is None
+            else replace(dof, gear=replace(dof.gear, spring=spring))
+        )
         elements.append(replace(element, dofs=(replace(dof, friction=friction),)))
     motors = tuple(replace(motor, friction=friction) for motor in model.motors)
     model = replace(model, elements=tuple(elements), motors=motors)
@@ -189,7 +226,12 @@ def test_temperature_servo_and_uncertainty_are_in_the_overlay(tmp_path):
     overrides = {
         "temperature": 45.0,
         "motor.m1.friction": friction,
-        "servo": {"type": "cascade", "position_gain": [20.0, 30.0], "speed_gain": [1.0, 1.0], "integral_gain": [1, 2]},
+        "servo": {
+            "type": "cascade",
+            "position_gain": [20.0, 30.0],
+            "speed_gain": [1.0, 1.0],
+            "integral_gain": [1, 2],
+        },
         "uncertainty": {
             "stiffness": 0.1,
             "common": ["stiffness"],
@@ -201,7 +243,11 @@ def test_temperature_servo_and_uncertainty_are_in_the_overlay(tmp_path):
     model = flexgen.read("elbow", overrides=overrides)
     again = flexgen.read(export_urdf(model, tmp_path / "arm.urdf").details["overlay"])
     assert difference(model, again) < SAME
-    assert (again.temperature, again.servo, again.uncertainty) == (45.0, model.servo, model.uncertainty)
+    assert (again.temperature, again.servo, again.uncertainty) == (
+        45.0,
+        model.servo,
+        model.uncertainty,
+    )
 
 
 def test_link_frames_and_sensors(tmp_path):
@@ -215,9 +261,21 @@ def test_link_frames_and_sensors(tmp_path):
         "planar5_nmp",
         overrides={
             "sensor": [
-                {"name": "acc", "type": "accelerometer", "element": "arm2", "unit": "g", "position": [0.1, 0.2, 0.3]},
+                {
+                    "name": "acc",
+                    "type": "accelerometer",
+                    "element": "arm2",
+                    "unit": "g",
+                    "position": [0.1, 0.2, 0.3],
+                },
                 {"name": "laser", "type": "tracker", "unit": "mm", "axes": [[1, 1, 0], "z"]},
-                {"name": "enc", "type": "link_encoder", "coordinate": "q3", "unit": "deg", "sample_s": 1e-3},
+                {
+                    "name": "enc",
+                    "type": "link_encoder",
+                    "coordinate": "q3",
+                    "unit": "deg",
+                    "sample_s": 1e-3,
+                },
             ]
         },
     ).sensors
@@ -228,7 +286,8 @@ def test_link_frames_and_sensors(tmp_path):
     rng = np.random.default_rng(0)
     q, v, a = rng.uniform(-1.0, 1.0, (3, model.n_a))
     ours, theirs = (
-        [value.ravel() for value in evaluate(flexgen.derive(m).function("sensors"), q, v, a)] for m in (model, again)
+        [value.ravel() for value in evaluate(flexgen.derive(m).function("sensors"), q, v, a)]
+        for m in (model, again)
     )
     for one, other in zip(ours, theirs, strict=True):
         assert np.abs(one - other).max() < SAME * max(1.0, np.abs(one).max())
@@ -254,7 +313,9 @@ def test_planted_bugs(tmp_path):
 # --- details ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("pitch", [0.0, 0.4, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 1.5707963, np.pi])
+@pytest.mark.parametrize(
+    "pitch", [0.0, 0.4, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 1.5707963, np.pi]
+)
 def test_roll_pitch_yaw(pitch):
     rng = np.random.default_rng(1)
     for roll, yaw in [(0.0, 0.0), (np.pi, np.pi / 2), *rng.uniform(-np.pi, np.pi, (20, 2))]:
@@ -285,7 +346,9 @@ def test_errors_name_the_file_that_would_be_written(tmp_path):
     light = tuple(replace(element, body=Body()) for element in model.elements)
     motors = tuple(replace(motor, inertia=0.0) for motor in model.motors)
     with pytest.raises(ModelError, match=r"arm\.urdf:\d+:joint") as caught:
-        export_urdf(replace(model, elements=light, motors=motors, payload=Body()), tmp_path / "arm.urdf")
+        export_urdf(
+            replace(model, elements=light, motors=motors, payload=Body()), tmp_path / "arm.urdf"
+        )
     assert "staging" not in str(caught.value)
 
 
@@ -304,7 +367,9 @@ def test_numbers_changed_in_python_are_written(tmp_path):
     motors = tuple(replace(motor, inertia=2 * motor.inertia) for motor in model.motors)
     loaded = replace(model, motors=motors, payload=Body(3.0, (0.1, 0.0, 0.0)))
     _, overlay = export_urdf(loaded, tmp_path / "arm.urdf").files
-    assert difference(loaded, flexgen.read(overlay)) < SAME < difference(model, flexgen.read(overlay))
+    assert (
+        difference(loaded, flexgen.read(overlay)) < SAME < difference(model, flexgen.read(overlay))
+    )
 
 
 def test_command_line(tmp_path, capsys):
@@ -329,11 +394,15 @@ def test_the_files_of_the_robot_are_not_replaced(tmp_path, monkeypatch, capsys):
     (tmp_path / "other.toml").symlink_to(own)
     with pytest.raises(ArgumentError, match=r"'other\.toml', from which the robot was read"):
         export_urdf("elbow.toml", "other.urdf")
-    assert own.read_text() == text and sorted(p.name for p in tmp_path.iterdir()) == ["elbow.toml", "other.toml"]
+    assert own.read_text() == text and sorted(p.name for p in tmp_path.iterdir()) == [
+        "elbow.toml",
+        "other.toml",
+    ]
 
     path, overlay = export_urdf("elbow.toml", tmp_path / "out" / "arm.urdf").files
     before = path.read_bytes(), overlay.read_bytes()
-    assert export_urdf("elbow.toml", path).files == (path, overlay)  # what flexgen wrote is replaced
+    # what flexgen wrote is replaced
+    assert export_urdf("elbow.toml", path).files == (path, overlay)
     assert (path.read_bytes(), overlay.read_bytes()) == before
     tip = re.search(r'tip = "(\w+)"', overlay.read_text()).group(1)
     overlay.rename(tmp_path / "out" / "mine.toml")
@@ -386,8 +455,17 @@ def test_the_degrees_of_freedom_of_an_element_have_one_motor_in_a_group(motors):
         for k, motor in enumerate(motors)
     )
     groups = _groups(Element("arm", dofs=dofs))
-    assert tuple(dof for before, own, after in groups for dof in (*before, *([own] if own else []), *after)) == dofs
-    assert len(groups) == max(1, motors.count("1")) and not any(before for before, _, _ in groups[1:])
+    assert (
+        tuple(
+            dof
+            for before, own, after in groups
+            for dof in (*before, *([own] if own else []), *after)
+        )
+        == dofs
+    )
+    assert len(groups) == max(1, motors.count("1")) and not any(
+        before for before, _, _ in groups[1:]
+    )
     for before, own, after in groups:
         assert not any(dof.actuated for dof in (*before, *after))
         assert own is None if not dofs else own.actuated == ("1" in motors)

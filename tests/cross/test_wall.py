@@ -37,7 +37,9 @@ def wall_before_the_end(**numbers: Any) -> Any:
     y = solved().trajectory["y_ref"]
     way = np.append(y[-1] - y[0], 0.0)
     n = -way / np.linalg.norm(way)
-    return flexgen.Wall(np.append(y[-1], 0.0) + 0.02 * n, 3.0 * n, **{"stiffness": STIFFNESS, **numbers})
+    return flexgen.Wall(
+        np.append(y[-1], 0.0) + 0.02 * n, 3.0 * n, **{"stiffness": STIFFNESS, **numbers}
+    )
 
 
 class Touched(MujocoMachine):
@@ -52,7 +54,9 @@ class Touched(MujocoMachine):
         """The force on the tool, (3,)."""
         import mujoco
 
-        x, dx = (self.P @ np.concatenate([part, np.zeros(len(self.model.i_m))]) for part in (q_a, v_a))
+        x, dx = (
+            self.P @ np.concatenate([part, np.zeros(len(self.model.i_m))]) for part in (q_a, v_a)
+        )
         self._set(x, dx)
         J = np.zeros((3, self.m.nv))
         mujoco.mj_jacSite(self.m, self.d, J, None, self.m.site("tool").id)
@@ -87,7 +91,13 @@ def test_a_simulation_with_a_wall_is_that_of_mujoco_with_the_force_of_the_test()
 
     curve = torque_curve(t, tau["tau_m"], limited=tau.meta.get("torque") == "limited")
     known = solve_ivp(
-        lambda s, x: machine.rate(x, curve(s)), (t[0], t[-1]), begin, "DOP853", [t[-1]], rtol=1e-9, atol=1e-10
+        lambda s, x: machine.rate(x, curve(s)),
+        (t[0], t[-1]),
+        begin,
+        "DOP853",
+        [t[-1]],
+        rtol=1e-9,
+        atol=1e-10,
     )
     last = np.concatenate([motion[name][-1] for name in ("q_a", "v_a", "q_m", "v_m")])
     assert np.abs(motion["contact"]).max() > 50
@@ -100,7 +110,9 @@ def test_a_simulation_with_a_wall_is_that_of_mujoco_with_the_force_of_the_test()
 def test_the_wall_of_the_loop_is_that_of_mujoco() -> None:
     """The commanded torques, held between the samples, on MuJoCo's robot: from rest until the tool has bounced."""
     wall = wall_before_the_end(damping=DAMPING)
-    run = flexgen.control(robot(), "line", solution=solved(), controller="ppi", wall=wall, sample_time=1e-3)
+    run = flexgen.control(
+        robot(), "line", solution=solved(), controller="ppi", wall=wall, sample_time=1e-3
+    )
     nominal = run.nominal
     assert nominal.contact is not None
     touching = np.flatnonzero(np.abs(nominal.contact).max(axis=1))
@@ -111,7 +123,9 @@ def test_the_wall_of_the_loop_is_that_of_mujoco() -> None:
     x = np.concatenate([nominal.q_a[first], m["v_a"][first], nominal.q_m[first], m["v_m"][first]])
     for k in range(first, last):
         tau = nominal.tau_m[k]
-        x = solve_ivp(lambda _, z, u=tau: machine.rate(z, u), (0, 1e-3), x, "DOP853", rtol=1e-8, atol=1e-10).y[:, -1]
+        x = solve_ivp(
+            lambda _, z, u=tau: machine.rate(z, u), (0, 1e-3), x, "DOP853", rtol=1e-8, atol=1e-10
+        ).y[:, -1]
     q_a = x[: robot().n_a]
     error = np.abs(q_a - nominal.q_a[last]).max()
     assert error < 3e-6
@@ -127,12 +141,16 @@ def test_a_wrench_measures_the_wall_and_robots_with_hysteresis_touch_it() -> Non
     wall, runs = wall_before_the_end(damping=DAMPING), []
     for each in (more, more | {"element.arm1.dof.q1.gear.hysteresis": lossy}):
         model = flexgen.read("planar5_nmp", overrides=each)
-        run = flexgen.control(model, "line", wall=wall, plants={"heavy": {"payload": 1.0}}, sample_time=1e-3)
+        run = flexgen.control(
+            model, "line", wall=wall, plants={"heavy": {"payload": 1.0}}, sample_time=1e-3
+        )
         runs.append(run)
         contact, seen = run.nominal.contact, run.nominal.sensors
         assert contact is not None and np.abs(contact).max() > 100
         # A tool without mass carries what the wall pushes.
-        assert np.linalg.norm(seen[:, :3], axis=1) == pytest.approx(np.linalg.norm(contact, axis=1), abs=1e-6)
+        assert np.linalg.norm(seen[:, :3], axis=1) == pytest.approx(
+            np.linalg.norm(contact, axis=1), abs=1e-6
+        )
         heavy = run["heavy"].contact
         assert heavy is not None and np.abs(heavy - contact).max() > 0.1
     plain, hysteretic = (run.nominal.contact for run in runs)
@@ -198,13 +216,19 @@ def test_a_wall_that_pulls_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_bad_walls_are_refused(entries: dict[str, Any], text: str) -> None:
     with pytest.raises(ArgumentError, match=text):
-        flexgen.Wall(**{"point": (1.0, 0.0, 0.0), "normal": (-1.0, 0.0, 0.0), "stiffness": 1e4, **entries})
+        flexgen.Wall(
+            **{"point": (1.0, 0.0, 0.0), "normal": (-1.0, 0.0, 0.0), "stiffness": 1e4, **entries}
+        )
 
 
 def test_a_tool_that_begins_behind_the_wall_is_refused() -> None:
     wall = wall_before_the_end()
     turned = flexgen.Wall(wall.point, [-x for x in wall.normal], 1e4)
     for call in (flexgen.control, flexgen.simulate):
-        more = {"solution": solved()} if call is flexgen.control else {"trajectory": solved().trajectory}
+        more = (
+            {"solution": solved()}
+            if call is flexgen.control
+            else {"trajectory": solved().trajectory}
+        )
         with pytest.raises(ArgumentError, match="in which the tool begins"):
             call(robot(), wall=turned, **more)

@@ -25,7 +25,9 @@ def test_accelerations_and_tool_are_those_of_the_other_referee(seed: int, coupli
     a_a, a_m = slow.forward_dynamics(*s.x, s.tau_m)
     x, tool = np.concatenate([s.q_a, s.q_m[motors], s.v_a, s.v_m[motors]]), np.empty(12)
     expected = np.concatenate([a_a, a_m[motors]])
-    assert fast.rate(x, s.tau_m)[model.dof :] == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+    assert fast.rate(x, s.tau_m)[model.dof :] == pytest.approx(
+        expected, abs=1e-10 * np.abs(expected).max()
+    )
     fast.place(x, s.tau_m, tool)
     assert tool == pytest.approx(np.concatenate([x.ravel() for x in slow.tool(s.q_a)]), abs=1e-12)
 

@@ -31,7 +31,13 @@ class Finding:
 
 
 def run_cases(
-    target: str, seeds: Path, first: int, last: int, *, worker: Path = HERE / "worker.py", hang: float = HANG
+    target: str,
+    seeds: Path,
+    first: int,
+    last: int,
+    *,
+    worker: Path = HERE / "worker.py",
+    hang: float = HANG,
 ) -> list[Finding]:
     """All cases from ``first`` to below ``last``; those that are wrong."""
     out: list[Finding] = []
@@ -44,12 +50,16 @@ def run_cases(
     return out
 
 
-def run_files(target: str, seeds: Path, files: Sequence[Path], *, worker: Path = HERE / "worker.py") -> list[Finding]:
+def run_files(
+    target: str, seeds: Path, files: Sequence[Path], *, worker: Path = HERE / "worker.py"
+) -> list[Finding]:
     """Files that are read as they are."""
     return _run(target, seeds, [str(file) for file in files], worker, HANG)[0]
 
 
-def _run(target: str, seeds: Path, words: list[str], worker: Path, hang: float) -> tuple[list[Finding], str | None]:
+def _run(
+    target: str, seeds: Path, words: list[str], worker: Path, hang: float
+) -> tuple[list[Finding], str | None]:
     """Findings of one process, and the case that ended it before its time."""
     command = [sys.executable, str(worker), target, str(seeds), *words]
     with (
@@ -66,7 +76,10 @@ def _run(target: str, seeds: Path, words: list[str], worker: Path, hang: float) 
                 line = lines.get(timeout=hang if case else BEGIN)
             except queue.Empty:
                 process.kill()
-                return [*out, Finding(target, case, f"takes more than {hang if case else BEGIN} s")], case or None
+                return [
+                    *out,
+                    Finding(target, case, f"takes more than {hang if case else BEGIN} s"),
+                ], case or None
             if not line:
                 break
             if line.startswith("{"):

@@ -131,7 +131,9 @@ def word(rng: random.Random, data: bytes) -> bytes:
     """Another word of the same file, or a strange one."""
     words = _WORD.findall(data)
     strange = [b"double", b"name", b"a" * 32, b"a__b", b"x" * 3000, b"true", b"None", b"__class__"]
-    return _replaced(rng, data, _WORD, rng.choice(words if words and rng.random() < 0.8 else strange))
+    return _replaced(
+        rng, data, _WORD, rng.choice(words if words and rng.random() < 0.8 else strange)
+    )
 
 
 def lines(rng: random.Random, data: bytes) -> bytes:
@@ -157,12 +159,26 @@ def lines(rng: random.Random, data: bytes) -> bytes:
 def nest(rng: random.Random, data: bytes) -> bytes:
     """A value that is nested deeply."""
     depth = rng.choice([5, 15, 17, 200, 3000])
-    opening, closing = rng.choice([(b"[", b"]"), (b"{a=", b"}"), (b'{"a":', b"}"), (b"<a>", b"</a>"), (b"(", b")")])
+    opening, closing = rng.choice(
+        [(b"[", b"]"), (b"{a=", b"}"), (b'{"a":', b"}"), (b"<a>", b"</a>"), (b"(", b")")]
+    )
     return _replaced(rng, data, _NUMBER, opening * depth + b"1" + closing * rng.choice([depth, 0]))
 
 
 BYTES: tuple[Mutation, ...] = (flip_bit, set_bytes, cut, delete, repeat, insert, swap)
-TEXT: tuple[Mutation, ...] = (number, number, number, word, word, word, lines, lines, nest, insert, delete)
+TEXT: tuple[Mutation, ...] = (
+    number,
+    number,
+    number,
+    word,
+    word,
+    word,
+    lines,
+    lines,
+    nest,
+    insert,
+    delete,
+)
 
 
 def mutated_text(rng: random.Random, data: bytes) -> bytes:
@@ -196,7 +212,11 @@ def mutated_json(rng: random.Random, data: bytes) -> bytes:
 def _change(rng: random.Random, root: Any) -> None:
     here, steps = root, 0
     while True:
-        inner = [v for v in (here.values() if isinstance(here, dict) else here) if isinstance(v, dict | list) and v]
+        inner = [
+            v
+            for v in (here.values() if isinstance(here, dict) else here)
+            if isinstance(v, dict | list) and v
+        ]
         if not inner or (steps and rng.random() < 0.35):
             break
         here, steps = rng.choice(inner), steps + 1
@@ -279,7 +299,12 @@ def _text_array(rng: random.Random, content: bytes) -> bytes:
     words = new.decode(errors="replace")
     head = _TYPE.sub(f"'descr': '<U{len(words)}'".encode(), content[10 : 10 + length])
     head = head.rstrip().ljust(length - 1) + b"\n"
-    return content[:8] + len(head).to_bytes(2, "little") + head + words.encode("utf-32-le", errors="replace")
+    return (
+        content[:8]
+        + len(head).to_bytes(2, "little")
+        + head
+        + words.encode("utf-32-le", errors="replace")
+    )
 
 
 def mutated_npz(rng: random.Random, data: bytes) -> bytes:
@@ -298,7 +323,10 @@ def mutated_npz(rng: random.Random, data: bytes) -> bytes:
         if kind == 0:
             del members[k]
         elif kind == 1:
-            members[k] = (rng.choice(["x.npy", "time", "", "../time.npy", "a" * 200 + ".npy", members[0][0]]), content)
+            members[k] = (
+                rng.choice(["x.npy", "time", "", "../time.npy", "a" * 200 + ".npy", members[0][0]]),
+                content,
+            )
         elif kind == 2:
             members[k] = (name, rng.choice(BYTES)(rng, content)[:SIZE_MAX])
         elif kind == 3 and b"'<U" in content[:128]:
@@ -310,7 +338,9 @@ def mutated_npz(rng: random.Random, data: bytes) -> bytes:
         else:
             members[k] = (name, _header(rng, content))
     out = io.BytesIO()
-    method = rng.choice([zipfile.ZIP_DEFLATED] * 6 + [zipfile.ZIP_STORED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+    method = rng.choice(
+        [zipfile.ZIP_DEFLATED] * 6 + [zipfile.ZIP_STORED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA]
+    )
     with warnings.catch_warnings(), zipfile.ZipFile(out, "w", method) as archive:
         warnings.simplefilter("ignore")  # names that are there twice
         for name, content in members:

@@ -93,7 +93,9 @@ def _urdf_seeds(folder: Path) -> None:
     shutil.copy(ROOT / "models" / "urdf_arm.urdf", folder)
     (folder / LINKED).mkdir()
     overlay = (ROOT / "models" / "urdf_arm.toml").read_text(encoding="utf-8")
-    (folder / LINKED / "overlay.toml").write_text(overlay.replace("urdf_arm.urdf", "mutated.urdf"), encoding="utf-8")
+    (folder / LINKED / "overlay.toml").write_text(
+        overlay.replace("urdf_arm.urdf", "mutated.urdf"), encoding="utf-8"
+    )
 
 
 def _urdf(path: Path) -> None:
@@ -128,7 +130,11 @@ def _path_seeds(folder: Path) -> None:
 
 def _path_reader(folder: Path) -> Reader:
     robots = [flexgen.read(name) for name in ("planar5_nmp", "manutec_r3", "four_mass")]
-    return _each([lambda path, robot=robot: read_samples(str(path), robot, 2) for robot in robots], ["mutated"], 1)
+    return _each(
+        [lambda path, robot=robot: read_samples(str(path), robot, 2) for robot in robots],
+        ["mutated"],
+        1,
+    )
 
 
 # --- trajectories -----------------------------------------------------------------------------------------------------
@@ -137,7 +143,10 @@ def _path_reader(folder: Path) -> Reader:
 def _trajectory_seeds(folder: Path) -> None:
     t = np.linspace(0.0, 0.3, 11)
     channels = {"q_a": np.column_stack([t, np.sin(t)]), "tau_m": np.cos(t)[:, None]}
-    ports = {"q_a": Port("q_a", (2,), "rad or m", "arm"), "tau_m": Port("tau_m", (1,), "N m", "torque")}
+    ports = {
+        "q_a": Port("q_a", (2,), "rad or m", "arm"),
+        "tau_m": Port("tau_m", (1,), "N m", "torque"),
+    }
     meta = {"model": "elbow", "variant": "", "move": "line", "kind": "solution"}
     labels = {"q_a": ("q1", "q2"), "tau_m": ("m1",)}
     for suffix in ("csv", "npz"):
@@ -175,7 +184,9 @@ def _known(path: Path) -> None:
 def _identification_seeds(folder: Path) -> None:
     """A plan, an experiment and responses of a planar arm; the spectra are random numbers."""
     rng = np.random.default_rng(0)
-    plan = flexgen.excite("planar5_nmp", poses=[[0.3, -1.1]], lines=4, period_s=1.0, periods=3, progress=False)
+    plan = flexgen.excite(
+        "planar5_nmp", poses=[[0.3, -1.1]], lines=4, period_s=1.0, periods=3, progress=False
+    )
     shape = (1, 1, 2, 3, len(plan.lines), 2)
     tau, q = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape) for _ in range(2))
     tau[:], q[:] = tau[:, :, :, :1], q[:, :, :, :1]  # periods that repeat
@@ -211,9 +222,14 @@ def _identification(path: Path) -> None:
         if len(found.poses) <= 4 and found.motors == ("m1", "m2"):
             sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}
             robot = flexgen.read("planar5_nmp", overrides={"sensor": [sensor]})
-            flexgen.identify(robot, found, free=["q1.stiffness"], starts=1, progress=False)  # quick: few numbers
+            # quick: few numbers
+            flexgen.identify(robot, found, free=["q1.stiffness"], starts=1, progress=False)
 
-    _each([plan, experiment, responses], ["mutated", "seed", "equilibrium", "motors", "sensor channel"], 1)(path)
+    _each(
+        [plan, experiment, responses],
+        ["mutated", "seed", "equilibrium", "motors", "sensor channel"],
+        1,
+    )(path)
 
 
 def _recording_seeds(folder: Path) -> None:
@@ -222,8 +238,15 @@ def _recording_seeds(folder: Path) -> None:
     shutil.copy(bench / "bench.toml", folder / LINKED)
     t = np.arange(4000) * 1e-3
     torque = np.cos(2 * np.pi * 11 * t) + np.sin(2 * np.pi * 20 * t)
-    np.savez(folder / LINKED / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3))
-    text = (bench / "recordings.toml").read_text().replace("MultisineTypeA.mat", "run.npz").replace("250.0", "100.0")
+    np.savez(
+        folder / LINKED / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3)
+    )
+    text = (
+        (bench / "recordings.toml")
+        .read_text()
+        .replace("MultisineTypeA.mat", "run.npz")
+        .replace("250.0", "100.0")
+    )
     (folder / "mutated.toml").write_text(text)
     link = '\n[[sensor]]\nname = "link"\ntype = "link_encoder"\ncoordinate = "q1"\nunit = "rad"\n'
     (folder / LINKED / "linked.toml").write_text((bench / "bench.toml").read_text() + link)
@@ -269,7 +292,9 @@ def _tables(path: Path) -> None:
 _LIBRARY = ("cases", "libelbow")
 
 TARGETS = {
-    "model": Target(_model_seeds, lambda folder: flexgen.describe, ("mutated.toml", "urdf_arm.urdf")),
+    "model": Target(
+        _model_seeds, lambda folder: flexgen.describe, ("mutated.toml", "urdf_arm.urdf")
+    ),
     "urdf": Target(_urdf_seeds, lambda folder: _urdf, ("mutated.urdf", "overlay.toml")),
     "path": Target(_path_seeds, _path_reader, ("mutated",)),
     "trajectory": Target(_trajectory_seeds, lambda folder: flexgen.Trajectory.load, ("mutated",)),
@@ -279,8 +304,12 @@ TARGETS = {
         ("mutated", "seed", "equilibrium", "motors", "sensor channel"),
     ),
     "recordings": Target(
-        _recording_seeds, lambda folder: _recordings, ("mutated.toml", "bench.toml", "linked.toml", "run.npz")
+        _recording_seeds,
+        lambda folder: _recordings,
+        ("mutated.toml", "bench.toml", "linked.toml", "run.npz"),
     ),
     "tables": Target(_table_seeds, lambda folder: _tables, ("mutated", "four_mass", "elbow")),
-    "manifest": Target(_manifest_seeds, lambda folder: _each([_known, _load], _LIBRARY, 2), _LIBRARY),
+    "manifest": Target(
+        _manifest_seeds, lambda folder: _each([_known, _load], _LIBRARY, 2), _LIBRARY
+    ),
 }

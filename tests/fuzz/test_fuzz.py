@@ -49,7 +49,10 @@ def test_few_mutations_are_read_or_refused(target, seeds):
 @pytest.mark.full
 @pytest.mark.parametrize("target", TARGETS)
 def test_many_mutations_are_read_or_refused(target, seeds):
-    findings = run_cases(target, seeds(target), QUICK, SLOW // 3 if target == "identification" else SLOW)  # 40 ms each
+    # 40 ms each
+    findings = run_cases(
+        target, seeds(target), QUICK, SLOW // 3 if target == "identification" else SLOW
+    )
     assert not findings, show(findings)
 
 
@@ -82,14 +85,23 @@ def test_valid_files_are_read(target, seeds, tmp_path):
 
 def test_cases_are_known_by_their_numbers(seeds):
     path = next(seeds("trajectory").glob("*.npz"))
-    first, again = (mutate(random.Random("trajectory 7"), ".npz", path.read_bytes()) for _ in range(2))
+    first, again = (
+        mutate(random.Random("trajectory 7"), ".npz", path.read_bytes()) for _ in range(2)
+    )
     assert first == again
 
 
 def test_most_mutations_change_the_file(seeds):
     for target in ("model", "urdf", "path", "trajectory"):
-        valid = [(path.suffix, path.read_bytes()) for path in sorted(seeds(target).iterdir()) if path.is_file()]
-        changed = [mutate(random.Random(k), *valid[k % len(valid)]) != valid[k % len(valid)][1] for k in range(200)]
+        valid = [
+            (path.suffix, path.read_bytes())
+            for path in sorted(seeds(target).iterdir())
+            if path.is_file()
+        ]
+        changed = [
+            mutate(random.Random(k), *valid[k % len(valid)]) != valid[k % len(valid)][1]
+            for k in range(200)
+        ]
         assert sum(changed) > 160, target
 
 

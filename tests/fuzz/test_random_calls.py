@@ -20,10 +20,34 @@ from flexgen.type_checks import checks_of
 # Objects of these classes take minutes to make, or have the methods of all results only; their methods are checked, and
 # not called here.
 NOT_MADE = {
-    *("Comparison", "Configuration", "Detection", "Equilibrium", "Estimate", "Exported", "GeneratedLibrary", "Load"),
-    *("FeedbackLinearisation", "FeedbackStudy", "InverseKinematics", "JointTorqueFeedback", "LQ", "LearningResult"),
+    *(
+        "Comparison",
+        "Configuration",
+        "Detection",
+        "Equilibrium",
+        "Estimate",
+        "Exported",
+        "GeneratedLibrary",
+        "Load",
+    ),
+    *(
+        "FeedbackLinearisation",
+        "FeedbackStudy",
+        "InverseKinematics",
+        "JointTorqueFeedback",
+        "LQ",
+        "LearningResult",
+    ),
     "Passivity",
-    *("LimitedInverter", "MotionFit", "Phase", "Simulation", "SweepResult", "TorqueCommand", "TuningResult"),
+    *(
+        "LimitedInverter",
+        "MotionFit",
+        "Phase",
+        "Simulation",
+        "SweepResult",
+        "TorqueCommand",
+        "TuningResult",
+    ),
 }
 
 
@@ -54,7 +78,9 @@ def test_500_random_calls_raise_errors_of_flexgen_or_type_errors(objects) -> Non
 def test_10000_random_calls_raise_errors_of_flexgen_or_type_errors(quiet, seed: int) -> None:
     things = more_objects(quiet / "library")
     called = {each.name for each in callables(things)}
-    assert {each.name.partition(".")[0] for each in entrances() if each.name not in called} == NOT_MADE
+    assert {
+        each.name.partition(".")[0] for each in entrances() if each.name not in called
+    } == NOT_MADE
     outcome = call_at_random(seed, 10_000, 120.0, things)
     assert outcome.leaks == {}
     assert outcome.refused > 0.5 * outcome.calls > 0
@@ -67,7 +93,11 @@ def test_values_of_wrong_types_are_refused_by_every_parameter_of_every_entrance(
 
 
 def test_values_of_wrong_types_are_refused_by_constructors_of_few_arguments(objects) -> None:
-    few = [each for each in callables(objects) if each.is_constructor and len(checks_of(each.call)) in (1, 2, 3)]
+    few = [
+        each
+        for each in callables(objects)
+        if each.is_constructor and len(checks_of(each.call)) in (1, 2, 3)
+    ]
     assert len(few) > 10 and [line for each in few for line in accepted(each, objects)] == []
 
 
@@ -76,12 +106,16 @@ def test_every_public_entrance_is_checked() -> None:
     assert len(list(entrances())) > 250
 
 
-@pytest.mark.parametrize("name", ["plan", "Limits.deflections", "Notch.__init__", "Trajectory.load"])
+@pytest.mark.parametrize(
+    "name", ["plan", "Limits.deflections", "Notch.__init__", "Trajectory.load"]
+)
 def test_a_planted_entrance_without_check_is_seen(monkeypatch, name: str) -> None:
     owner, _, method = name.rpartition(".")
     holder = getattr(flexgen, owner) if owner else flexgen
     bare = inspect.unwrap(getattr(holder, method))
-    monkeypatch.setattr(holder, method, staticmethod(bare) if name == "Trajectory.load" else bare, raising=False)
+    monkeypatch.setattr(
+        holder, method, staticmethod(bare) if name == "Trajectory.load" else bare, raising=False
+    )
     assert unchecked() == [name.removesuffix(".__init__")]
 
 
@@ -90,7 +124,9 @@ def test_a_planted_function_that_raises_an_attribute_error_is_seen(monkeypatch, 
         return kind.nosuch  # type: ignore[attr-defined]
 
     monkeypatch.setattr(flexgen, "schema", schema, raising=False)
-    outcome = call_at_random(0, 50, 4.0, {}, [each for each in callables({}) if each.name in ("schema", "Notch")])
+    outcome = call_at_random(
+        0, 50, 4.0, {}, [each for each in callables({}) if each.name in ("schema", "Notch")]
+    )
     assert [leak.partition(" at ")[0] for leak in outcome.leaks] == ["schema: AttributeError"]
 
 
@@ -106,20 +142,50 @@ def test_a_planted_constructor_that_accepts_nonsense_is_seen(objects) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: flexgen.Notch(None), r"filter, frequency_hz: given None, expected a finite number"),
-        (lambda: flexgen.Cascade(None, (1.0,), (1.0,)), r"Cascade, position_gain: given None, expected an array"),
+        (
+            lambda: flexgen.Notch(None),
+            r"filter, frequency_hz: given None, expected a finite number",
+        ),
+        (
+            lambda: flexgen.Cascade(None, (1.0,), (1.0,)),
+            r"Cascade, position_gain: given None, expected an array",
+        ),
         (lambda: flexgen.PID(None, (1.0,), (1.0,)), r"PID, k_p: given None, expected"),
-        (lambda: flexgen.RandomMove(None), r"RandomMove, number: given None, expected a whole number"),
-        (lambda: flexgen.PoseTarget(None, None), r"PoseTarget, position: given None, expected a sequence"),
-        (lambda: flexgen.DriveHardware("x"), r"DriveHardware, \w+: given 'x', expected a finite number"),
-        (lambda: flexgen.Setting(None, None), r"Setting, sample_s: given None, expected a finite number"),
-        (lambda: flexgen.plan("elbow").sample([np.nan]), r"t: given \[nan\], expected instants in s"),
+        (
+            lambda: flexgen.RandomMove(None),
+            r"RandomMove, number: given None, expected a whole number",
+        ),
+        (
+            lambda: flexgen.PoseTarget(None, None),
+            r"PoseTarget, position: given None, expected a sequence",
+        ),
+        (
+            lambda: flexgen.DriveHardware("x"),
+            r"DriveHardware, \w+: given 'x', expected a finite number",
+        ),
+        (
+            lambda: flexgen.Setting(None, None),
+            r"Setting, sample_s: given None, expected a finite number",
+        ),
+        (
+            lambda: flexgen.plan("elbow").sample([np.nan]),
+            r"t: given \[nan\], expected instants in s",
+        ),
         (lambda: flexgen.solve("elbow", verify="no"), "verify: given 'no', expected True or False"),
         (lambda: flexgen.solve("elbow", verify=1), "verify: given 1, expected True or False"),
-        (lambda: flexgen.control("elbow", seed=10**400), r"seed: given 1000.*000 \.\.\. .*, expected a whole number"),
+        (
+            lambda: flexgen.control("elbow", seed=10**400),
+            r"seed: given 1000.*000 \.\.\. .*, expected a whole number",
+        ),
         (lambda: flexgen.generate("elbow", build=1), "build: given 1, expected True or False"),
-        (lambda: flexgen.read("elbow", overrides={1: 2}), "overrides: given {1: 2}, expected a mapping of dotted"),
-        (lambda: flexgen.solve("elbow", hold="cubic"), "hold: given 'cubic', expected one of spline, linear, zoh"),
+        (
+            lambda: flexgen.read("elbow", overrides={1: 2}),
+            "overrides: given {1: 2}, expected a mapping of dotted",
+        ),
+        (
+            lambda: flexgen.solve("elbow", hold="cubic"),
+            "hold: given 'cubic', expected one of spline, linear, zoh",
+        ),
     ],
 )
 def test_invalid_values_are_refused_with_what_was_given_and_expected(call, message: str) -> None:

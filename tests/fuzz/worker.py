@@ -64,7 +64,11 @@ def problem(target: Target, read: object, path: Path) -> str:
         if len(str(error)) > 20_000:
             return f"a message of {len(str(error))} characters: {str(error)[:300]}"
     except BaseException as error:
-        return "".join(traceback.format_exception_only(error)).strip()[:300] + "\n" + traceback.format_exc()[-2000:]
+        return (
+            "".join(traceback.format_exception_only(error)).strip()[:300]
+            + "\n"
+            + traceback.format_exc()[-2000:]
+        )
     return ""
 
 

@@ -28,13 +28,17 @@ from emitted_hashes import CHOICES, GOLDEN_CASADI, hashes, read
 
 def changes(golden: dict[str, str], today: dict[str, str]) -> list[str]:
     """Files that are in one of the two only, or differ."""
-    return sorted(file for file in golden.keys() | today.keys() if golden.get(file) != today.get(file))
+    return sorted(
+        file for file in golden.keys() | today.keys() if golden.get(file) != today.get(file)
+    )
 
 
 def recorded(*models: str) -> list[str]:
     """Files of these models that differ from the record."""
     if not version("casadi").startswith(f"{GOLDEN_CASADI}."):
-        pytest.skip(f"recorded with CasADi {GOLDEN_CASADI}; run: pip install 'casadi~={GOLDEN_CASADI}.0'")
+        pytest.skip(
+            f"recorded with CasADi {GOLDEN_CASADI}; run: pip install 'casadi~={GOLDEN_CASADI}.0'"
+        )
     return [f"{model} {file}" for model in models for file in changes(read()[model], hashes(model))]
 
 
@@ -51,4 +55,8 @@ def test_emitted_files_of_a_robot_with_six_joints_have_the_recorded_hashes():
 
 
 def test_a_changed_a_new_and_a_missing_file_are_found():
-    assert changes({"a.c": "1", "b.c": "2", "c.c": "3"}, {"a.c": "1", "b.c": "5", "d.c": "3"}) == ["b.c", "c.c", "d.c"]
+    assert changes({"a.c": "1", "b.c": "2", "c.c": "3"}, {"a.c": "1", "b.c": "5", "d.c": "3"}) == [
+        "b.c",
+        "c.c",
+        "d.c",
+    ]

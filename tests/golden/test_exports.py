@@ -66,7 +66,9 @@ def hashes(path: Path) -> list[str]:
         files += [path.with_suffix(".toml")] if path.suffix == ".urdf" else []
         texts = {file.relative_to(path.parent).as_posix(): file.read_bytes() for file in files}
     kept = {name: text for name, text in texts.items() if not name.endswith((".json", ".png"))}
-    return [f"{name} {digest(text.decode('utf-8', 'replace'))}" for name, text in sorted(kept.items())]
+    return [
+        f"{name} {digest(text.decode('utf-8', 'replace'))}" for name, text in sorted(kept.items())
+    ]
 
 
 @functools.cache
@@ -74,15 +76,24 @@ def cases() -> dict[str, Callable[[Path], Any]]:
     """Exports by name, functions of the folder."""
     found: dict[str, Callable[[Path], Any]] = {}
     for name, friction in ROBOTS.items():
-        found[f"mujoco {name} {friction}"] = lambda folder, n=name, f=friction: flexgen.export_mujoco(
-            n, folder / f"{n}.xml", friction=f
+        found[f"mujoco {name} {friction}"] = lambda folder, n=name, f=friction: (
+            flexgen.export_mujoco(n, folder / f"{n}.xml", friction=f)
         )
         found[f"urdf {name}"] = lambda folder, n=name: flexgen.export_urdf(n, folder / f"{n}.urdf")
-    load = {"mass": 2.0, "com": [0.1, 0.0, 0.0], "inertia": [0.0, 0.5, 0.0], "inertia_reduced": True}
+    load = {
+        "mass": 2.0,
+        "com": [0.1, 0.0, 0.0],
+        "inertia": [0.0, 0.5, 0.0],
+        "inertia_reduced": True,
+    }
     loaded = flexgen.read("elbow", overrides={"payload": load})
-    found["urdf with a payload"] = lambda folder: flexgen.export_urdf(loaded, folder / "loaded.urdf")
+    found["urdf with a payload"] = lambda folder: flexgen.export_urdf(
+        loaded, folder / "loaded.urdf"
+    )
     point = flexgen.read("elbow", overrides={"payload": {"mass": 2.0, "com": [0.1, 0.0, 0.0]}})
-    found["mujoco with a point mass"] = lambda folder: flexgen.export_mujoco(point, folder / "point.xml")
+    found["mujoco with a point mass"] = lambda folder: flexgen.export_mujoco(
+        point, folder / "point.xml"
+    )
     found["ros2 with forces"] = lambda folder: flexgen.export_ros2(
         "elbow", folder / "pushed", package="my_arm", parts=("force",)
     )
@@ -98,7 +109,9 @@ def cases() -> dict[str, Callable[[Path], Any]]:
     found["simulink"] = lambda folder: flexgen.export_simulink(name, folder / "simulink")
     found["ros2"] = lambda folder: flexgen.export_ros2("elbow", folder / "ros2", package="my_arm")
     found["self test"] = lambda folder: flexgen.export_selftest("elbow", folder / "selftest")
-    found["self test, single"] = lambda folder: flexgen.export_selftest("elbow", folder / "single", precision="single")
+    found["self test, single"] = lambda folder: flexgen.export_selftest(
+        "elbow", folder / "single", precision="single"
+    )
     return found
 
 
@@ -115,7 +128,9 @@ def lines(name: str) -> list[str]:
 def changed(*begins: str) -> list[str]:
     """The exports whose names begin so and which differ from the file."""
     if not version("casadi").startswith(f"{GOLDEN_CASADI}."):
-        pytest.skip(f"recorded with CasADi {GOLDEN_CASADI}, which orders the operations in its own way")
+        pytest.skip(
+            f"recorded with CasADi {GOLDEN_CASADI}, which orders the operations in its own way"
+        )
     return changes(GOLDEN, [name for name in cases() if name.startswith(begins)], lines)
 
 

@@ -25,7 +25,14 @@ import flexgen
 from flexgen.templates.new_model import TEMPLATES, new_model
 
 GOLDEN = Path(__file__).with_name("model_files.txt")
-MUTATIONS = {"everything": 60, "overlay": 20, "manutec_r3": 10, "planar5_family": 10, "four_mass": 10, "program": 20}
+MUTATIONS = {
+    "everything": 60,
+    "overlay": 20,
+    "manutec_r3": 10,
+    "planar5_family": 10,
+    "four_mass": 10,
+    "program": 20,
+}
 WRITTEN = ("planar5_nmp", "manutec_r3_18", "kr300_efjm", "everything")
 
 
@@ -60,7 +67,10 @@ def mutated_files(folder: Path) -> Iterator[str]:
         elif name == "overlay":
             source = overlay(folder)
         elif name == "program":
-            source, read = ROOT / "tests/support/programs/manutec.toml", partial(flexgen.read_moves, model=robot)
+            source, read = (
+                ROOT / "tests/support/programs/manutec.toml",
+                partial(flexgen.read_moves, model=robot),
+            )
         valid = tomllib.loads(source.read_text())
         for number in range(count):
             path = folder / "mutated.toml"
@@ -77,7 +87,10 @@ def valid_files(folder: Path) -> Iterator[str]:
         shutil.copy(path, folder)
         shutil.copy(ROOT / "models/urdf_arm.urdf", folder)
         robot = flexgen.read(path)
-        names = "".join(f", {name} {outcome(partial(flexgen.read, variant=name), path)}" for name in robot.variants)
+        names = "".join(
+            f", {name} {outcome(partial(flexgen.read, variant=name), path)}"
+            for name in robot.variants
+        )
         yield f"{path.stem}: {outcome(flexgen.read, folder / path.name)}{names}; described {digest(_described(robot))}"
     for name in WRITTEN:
         source = ROOT / "models" / f"{name}.toml"
@@ -85,7 +98,9 @@ def valid_files(folder: Path) -> Iterator[str]:
             source = everything(folder)
             before, _, rest = source.read_text().partition('[[element]]\nname = "b"')
             source.write_text(
-                (before + rest[rest.index("[[motor]]") :]).replace("mass = 2 }", "mass = 2, inertia = [1, 1, 1] }")
+                (before + rest[rest.index("[[motor]]") :]).replace(
+                    "mass = 2 }", "mass = 2, inertia = [1, 1, 1] }"
+                )
             )
         flexgen.export_urdf(source, folder / f"{name}_back.urdf")
         text = (folder / f"{name}_back.toml").read_text()
@@ -113,7 +128,9 @@ def schemas() -> Iterator[str]:
         if here.get("type") == "object":
             keys = here.get("properties", {}).items()
             rest = digest({key: value for key, value in here.items() if key != "properties"})
-            yield f"schema {path}: {rest}" + "".join(sorted(f" {key}={digest(value)[:6]}" for key, value in keys))
+            yield f"schema {path}: {rest}" + "".join(
+                sorted(f" {key}={digest(value)[:6]}" for key, value in keys)
+            )
         for key, value in sorted(here.items()):
             yield from walk(f"{path}.{key}".replace(".properties", ""), value)
 

@@ -89,7 +89,9 @@ def verified(name: str, method: str, status: Status = Status.SOLVED, **values: A
         "intervals": 50,
         "warnings": ("first. ", "second"),
     }
-    return Solution(model, model.moves[0], method, status, trajectory=trajectory, **{**fixed, **values})
+    return Solution(
+        model, model.moves[0], method, status, trajectory=trajectory, **{**fixed, **values}
+    )
 
 
 def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
@@ -97,19 +99,45 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
     for name in ("planar5_nmp", "kr300_efjm", "four_mass"):
         one = functools.partial(verified, name, "lq")
         limited = functools.partial(
-            verified, name, "full", Status.LIMITS_ACTIVE, plan_error_max_m=1e-6, path_distance_max_m=0.00123
+            verified,
+            name,
+            "full",
+            Status.LIMITS_ACTIVE,
+            plan_error_max_m=1e-6,
+            path_distance_max_m=0.00123,
         )
         rigid = functools.partial(verified, name, "rigid", Status.BASELINE, simulation=None)
         for label, make in (("solved", one), ("limited", limited), ("not verified", rigid)):
             yield f"{name} {label}, summary", lambda make=make: html._summary(make())
-            yield f"{name} {label}, words", lambda make=make: [sentence.in_words(make()), str(make())]
-            yield f"{name} {label}, figures", lambda make=make: text_tables.figures(texts.figure_rows(make()))
-        yield f"{name} motors", lambda one=one, name=name: html._motors(derived(name).model, one(), Limits())
-        yield f"{name} captions", lambda one=one, name=name: captions(derived(name), one(), analyzed("elbow"))
-        yield f"{name} limited captions", lambda limited=limited, name=name: captions(derived(name), limited(), None)
-        yield f"{name} comparison", lambda one=one, limited=limited: html._comparison((one(), limited()))
+            yield (
+                f"{name} {label}, words",
+                lambda make=make: [sentence.in_words(make()), str(make())],
+            )
+            yield (
+                f"{name} {label}, figures",
+                lambda make=make: text_tables.figures(texts.figure_rows(make())),
+            )
+        yield (
+            f"{name} motors",
+            lambda one=one, name=name: html._motors(derived(name).model, one(), Limits()),
+        )
+        yield (
+            f"{name} captions",
+            lambda one=one, name=name: captions(derived(name), one(), analyzed("elbow")),
+        )
+        yield (
+            f"{name} limited captions",
+            lambda limited=limited, name=name: captions(derived(name), limited(), None),
+        )
+        yield (
+            f"{name} comparison",
+            lambda one=one, limited=limited: html._comparison((one(), limited())),
+        )
     bounds = Limits(torque=(5.0, 1234.5), speed=(2.0, 1e6))
-    yield "given limits", lambda: html._motors(derived("planar5_nmp").model, verified("planar5_nmp", "lq"), bounds)
+    yield (
+        "given limits",
+        lambda: html._motors(derived("planar5_nmp").model, verified("planar5_nmp", "lq"), bounds),
+    )
     rows = [
         {
             "plant": p,
@@ -119,11 +147,16 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
             "error_max_rad": None if k > 5 else k,
         }
         for k, (p, m, c) in enumerate(
-            (p, m, c) for c in ("feedback", "feedforward") for p in ("nominal", "soft & long") for m in ("lq", "fjm")
+            (p, m, c)
+            for c in ("feedback", "feedforward")
+            for p in ("nominal", "soft & long")
+            for m in ("lq", "fjm")
         )
     ]
     yield "robustness", lambda: html._robustness(rows)
-    generated = Made(functions=("a", "b<c"), files=("src/model.c", "model.h"), digest="0123456789abcdef0123")
+    generated = Made(
+        functions=("a", "b<c"), files=("src/model.c", "model.h"), digest="0123456789abcdef0123"
+    )
     yield "library", lambda: html._library_table(generated) + html._library_table(None)
     yield (
         "numbers",
@@ -132,10 +165,25 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
             + [html._complex(z) for z in (1 + 2j, 3 - 4j, -5 + 1e-9j, 2j, 0j)]
             + [
                 text_tables.number(x, 3)
-                for x in (None, True, False, 999.94, 1000.0, 9.9999e6, 1e7, -1234.5, np.nan, 7, "x", 0.0123456)
+                for x in (
+                    None,
+                    True,
+                    False,
+                    999.94,
+                    1000.0,
+                    9.9999e6,
+                    1e7,
+                    -1234.5,
+                    np.nan,
+                    7,
+                    "x",
+                    0.0123456,
+                )
             ]
             + [display.duration(x) for x in (0.2, 99.4, 100.0, 150.1)]
-            + text_tables.roots([(1.0, 2.0), (1.0, -2.0), (1.0, 2.0), (3.0, 0.0), (None, 1.0), (4.0, None)])
+            + text_tables.roots(
+                [(1.0, 2.0), (1.0, -2.0), (1.0, 2.0), (3.0, 0.0), (None, 1.0), (4.0, None)]
+            )
         ),
     )
 
@@ -143,7 +191,15 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
 def captions(equations: Any, solution: Any, analysis: Any) -> list[str]:
     """Names and captions of the pictures of a motion, and of the linearized robot."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("robot", "torques", "speeds", "deflections", "errors", "pole_zero_map", "frequency_response"):
+        for name in (
+            "robot",
+            "torques",
+            "speeds",
+            "deflections",
+            "errors",
+            "pole_zero_map",
+            "frequency_response",
+        ):
             patch.setattr(pictures.plots, name, lambda *_, **__: None)
         drawn = pictures._motion(equations, solution, analysis, Limits())
         if analysis is not None:
@@ -157,12 +213,18 @@ def printed() -> Iterator[tuple[str, Callable[[], Any]]]:
         data = {**flexgen.describe(name), "file": "FILE"}
         yield f"{name} described", lambda data=data: texts.description_text(data)
         yield f"{name} described, 60 characters", lambda data=data: narrow(data, 60)
-    yield "elbow described, 20 characters", lambda: narrow({**flexgen.describe("elbow"), "file": "FILE"}, 20)
+    yield (
+        "elbow described, 20 characters",
+        lambda: narrow({**flexgen.describe("elbow"), "file": "FILE"}, 20),
+    )
     for name in ("planar5_nmp", "elbow", "four_mass"):
         yield f"{name} analyzed", lambda name=name: printed_analysis(name)
         yield f"{name} analyzed, tables", lambda name=name: analysis_page.tables(analyzed(name))
     for name in ("planar5_nmp@soft", "kr300_efjm", "urdf_arm", "beam_arm"):
-        yield f"{name} checked", lambda name=name: (f"{x.mark} {x}" for x in flexgen.check(name).findings)
+        yield (
+            f"{name} checked",
+            lambda name=name: (f"{x.mark} {x}" for x in flexgen.check(name).findings),
+        )
 
 
 def narrow(data: Any, width: int) -> str:
@@ -199,13 +261,17 @@ def printed_analysis(name: str) -> str:
 def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Whole pages without their pictures."""
     learned = [
-        Indexed(**{**vars(made_run(name)), **extra()}) for name in ("pd", "learned") for extra in (loop_figures,)
+        Indexed(**{**vars(made_run(name)), **extra()})
+        for name in ("pd", "learned")
+        for extra in (loop_figures,)
     ]
     yield "page of a loop", lambda: page(control_page, control_page.write_control, learned[0])
     yield (
         "page of a nonlinear loop",
         lambda: page(
-            control_page, control_page.write_control, Indexed(**{**vars(learned[0]), "margins": dict, "loops": dict})
+            control_page,
+            control_page.write_control,
+            Indexed(**{**vars(learned[0]), "margins": dict, "loops": dict}),
         ),
     )
     result = Made(
@@ -229,14 +295,31 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
         experiments=2,
         relative_sd=lambda: 0.01234,
     )
-    yield "page of responses", lambda: page(identification_page, identification_page.write_responses, data)
+    yield (
+        "page of responses",
+        lambda: page(identification_page, identification_page.write_responses, data),
+    )
     robot = flexgen.read("planar5_nmp")
     names = ("mass", "stiffness", "damping")
-    row = {"unit": "kg", "sd_is_relative": True, "at_bound": False, "weak": False, "description": "a < b"}
+    row = {
+        "unit": "kg",
+        "sd_is_relative": True,
+        "at_bound": False,
+        "weak": False,
+        "description": "a < b",
+    }
     parameters = [
         {**row, "name": "mass", "value": 1.1, "start": 1.0, "sd": 0.01},
         {**row, "name": "stiffness", "value": 0.5, "start": 0.0, "sd": None, "at_bound": True},
-        {**row, "name": "damping", "value": 2.0, "start": 4.0, "sd": 0.5, "sd_is_relative": False, "weak": True},
+        {
+            **row,
+            "name": "damping",
+            "value": 2.0,
+            "start": 4.0,
+            "sd": 0.5,
+            "sd_is_relative": False,
+            "weak": True,
+        },
     ]
     for status in FitStatus:
         found = Made(
@@ -258,7 +341,9 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
         )
         yield (
             f"page of an identification, {status}",
-            lambda found=found: page(identification_page, identification_page.write_identification, found),
+            lambda found=found: page(
+                identification_page, identification_page.write_identification, found
+            ),
         )
 
 
@@ -282,7 +367,9 @@ def loop_figures() -> dict[str, Any]:
     figures = (2e-4, 3e-4, 1.5e-4, None, 0.01, 0.002, 0.03)
     each = (1e-4, None), (0.25, None), (0.0, 4e-4), (0.125, None), (1e-6, 2e-6)
     angles = (1e-4, 2e-4, 3e-4), (1e-5, 2e-5, 3e-5), (-3e-4, 1e-4, 0.0), None
-    accuracy = PathAccuracy(("robot 0", "robot 2"), "m", 5e-5, *figures, *each, *angles, 1e-3, 9e-4, 2e-4)
+    accuracy = PathAccuracy(
+        ("robot 0", "robot 2"), "m", 5e-5, *figures, *each, *angles, 1e-3, 9e-4, 2e-4
+    )
     return {
         "accuracy": lambda: accuracy,
         "status": "done",
@@ -293,7 +380,8 @@ def loop_figures() -> dict[str, Any]:
         "runs": runs,
         "margins": lambda: margins,
         "figures": lambda r: (
-            {f"{k}_{u}": r.size * (n + 1) for n, k in enumerate(keys) for u in ("m", "rad")} | {"torque_max_Nm": 9.5}
+            {f"{k}_{u}": r.size * (n + 1) for n, k in enumerate(keys) for u in ("m", "rad")}
+            | {"torque_max_Nm": 9.5}
         ),
     }
 
@@ -303,7 +391,9 @@ def page(module: Any, write: Callable[..., Any], result: Any) -> str:
 
     def text(_: Any, parts: list[str], drawn: list[Any]) -> str:
         body = "".join(parts)
-        return body[body.index("<h1>") :] + "\n".join(f"{picture.name}: {picture.caption}" for picture in drawn)
+        return body[body.index("<h1>") :] + "\n".join(
+            f"{picture.name}: {picture.caption}" for picture in drawn
+        )
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "write_page", text)
@@ -351,7 +441,9 @@ def summed(data: dict[str, Any]) -> list[str]:
                 else None
             )
             out.append(
-                f"{key} {k}: {json.dumps(part)}" if x is None else f"{key} {k}: {x.shape} {x.ravel()[:3]} {x.sum():.4f}"
+                f"{key} {k}: {json.dumps(part)}"
+                if x is None
+                else f"{key} {k}: {x.shape} {x.ravel()[:3]} {x.sum():.4f}"
             )
     return out
 
@@ -403,14 +495,23 @@ def test_the_file_has_all_texts() -> None:
     assert list(kept(GOLDEN)) == list(cases())
 
 
-def test_a_video_has_a_frame_for_each_instant(tmp_path: File, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_video_has_a_frame_for_each_instant(
+    tmp_path: File, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`flexgen.reports.video`: as many frames as instants, each 50 ms, without end, in the size of the figure."""
     monkeypatch.setattr(video, "DPI", 10)
     monkeypatch.setattr(video, "LENGTH", 0.1)
-    monkeypatch.setattr(video, "frames", lambda first, last: (0.5, np.array([first, 0.5 * (first + last), last])))
+    monkeypatch.setattr(
+        video, "frames", lambda first, last: (0.5, np.array([first, 0.5 * (first + last), last]))
+    )
     path = video.write_video(moved("planar5_nmp"), "title", tmp_path / "a.gif")
     with Image.open(path) as image:
-        assert (image.n_frames, image.size, image.info["duration"], image.info["loop"]) == (3, (72, 54), 50, 0)
+        assert (image.n_frames, image.size, image.info["duration"], image.info["loop"]) == (
+            3,
+            (72, 54),
+            50,
+            0,
+        )
 
 
 @pytest.mark.parametrize(("status", "written"), [(0, True), (1, True), (0, False), (1, False)])
@@ -428,7 +529,10 @@ def test_a_video_of_ffmpeg_is_kept_where_it_ends_well(
         video._write_mp4(iter(()), path)
         assert path.read_bytes() == b"frames"
     else:
-        with pytest.raises(BuildError, match=f"ffmpeg ended with status {status}: no such codec; try a name that ends"):
+        with pytest.raises(
+            BuildError,
+            match=f"ffmpeg ended with status {status}: no such codec; try a name that ends",
+        ):
             video._write_mp4(iter(()), path)
         assert not path.exists()
     assert [x.name for x in path.parent.iterdir()] == ["a.mp4"] * path.exists()

@@ -59,7 +59,9 @@ def path_lines(path: Path) -> Iterator[str]:
         names = f"{segment.space} {type(law).__name__} {type(curve).__name__}"
         yield f"segment {names} {segment.start:.9g} {law.duration:.9g} {curve.length:.9g} {segment.smoothness}"
         yield f"its breaks {digits(segment.breaks)}"
-    t = np.concatenate([[-0.1], np.array([0.0, 0.07, 0.31, 0.5, 0.83, 0.99, 1.0, 1.2]) * path.duration])
+    t = np.concatenate(
+        [[-0.1], np.array([0.0, 0.07, 0.31, 0.5, 0.83, 0.99, 1.0, 1.2]) * path.duration]
+    )
     sample = path.sample(t)
     for k in range(6):
         yield f"y{k} {digits(sample.y[:, :, k])}"
@@ -81,7 +83,9 @@ def rough_lines(path: Path) -> Iterator[str]:
     yield f"{report.required} {report.smoothness} {report.step:.3g} {report.sufficient} {report.has_kinks}"
     for jump in report.jumps:
         sizes = (jump.size, jump.rotation, jump.torque, jump.tool, jump.tool_rotation)
-        yield f"{jump.time:.6g} {jump.order} " + " ".join("-" if x is None else f"{x:.2e}" for x in sizes)
+        yield f"{jump.time:.6g} {jump.order} " + " ".join(
+            "-" if x is None else f"{x:.2e}" for x in sizes
+        )
     yield from report.lines()
 
 
@@ -106,15 +110,31 @@ def written_reports() -> Iterator[str]:
 
 def moves() -> Iterator[tuple[str, str, Move]]:
     """Case, model and move."""
-    for name in ("planar5_nmp", "manutec_r3", "four_mass", "beam_arm", "kr300_efjm", "urdf_arm", "abb_arm"):
+    for name in (
+        "planar5_nmp",
+        "manutec_r3",
+        "four_mass",
+        "beam_arm",
+        "kr300_efjm",
+        "urdf_arm",
+        "abb_arm",
+    ):
         for move in derived(name).model.moves:
             yield f"{name} {move.name}", name, move
     arm = derived("planar5_nmp").model
     line, joints = (arm.move(x) for x in ("line", "joints"))
     for smoothness in (0, 2, 5, 9):
-        yield f"profile {smoothness}", "planar5_nmp", replace(line, duration=0.0, smoothness=smoothness, profile=TOOL)
+        yield (
+            f"profile {smoothness}",
+            "planar5_nmp",
+            replace(line, duration=0.0, smoothness=smoothness, profile=TOOL),
+        )
     for n in (2, 3):
-        yield f"{n} bounds", "planar5_nmp", replace(joints, duration=0.0, smoothness=4, profile=JOINTS[:n])
+        yield (
+            f"{n} bounds",
+            "planar5_nmp",
+            replace(joints, duration=0.0, smoothness=4, profile=JOINTS[:n]),
+        )
     for smoothness in (3, 4, 7):
         yield f"smoothness {smoothness}", "planar5_nmp", replace(line, smoothness=smoothness)
     legs = (
@@ -123,15 +143,27 @@ def moves() -> Iterator[tuple[str, str, Move]]:
         MoveC(displacement=(0.05, -0.05, 0.0), via=(0.04, -0.01, 0.0)),
     )
     corner = replace(line, type="tool_polyline", displacement=(), legs=legs)
-    yield "polyline", "planar5_nmp", replace(corner, legs=tuple(replace(x, speed=None) for x in legs))
-    yield "polyline of a profile", "planar5_nmp", replace(corner, duration=0.0, smoothness=4, profile=TOOL)
+    yield (
+        "polyline",
+        "planar5_nmp",
+        replace(corner, legs=tuple(replace(x, speed=None) for x in legs)),
+    )
+    yield (
+        "polyline of a profile",
+        "planar5_nmp",
+        replace(corner, duration=0.0, smoothness=4, profile=TOOL),
+    )
     robot = derived("manutec_r3").model
     start = robot.move("line").start
     turning = (
         MoveL(displacement=(0.0, 0.1, 0.05), rotation=(0.3, 0.0, 0.1), zone=0.02),
         MoveL(displacement=(0.1, 0.0, 0.0), rotation=(0.0, -0.2, 0.0)),
     )
-    yield "turning polyline", "manutec_r3", Move("turn", "tool_polyline", start, 1.0, 5, legs=turning)
+    yield (
+        "turning polyline",
+        "manutec_r3",
+        Move("turn", "tool_polyline", start, 1.0, 5, legs=turning),
+    )
     yield (
         "only a turn",
         "manutec_r3",
@@ -144,7 +176,9 @@ def moves() -> Iterator[tuple[str, str, Move]]:
         MoveJ(end=(0.7, -1.0), zone=0.05),
         MoveJ(end=(0.5, -0.9)),
     )
-    program = Program("tour", start=(0.5, -1.1), smoothness=3, profile=TOOL, steps=steps, joint_profile=JOINTS)
+    program = Program(
+        "tour", start=(0.5, -1.1), smoothness=3, profile=TOOL, steps=steps, joint_profile=JOINTS
+    )
     yield "program", "planar5_nmp", program
     yield "program of trapezoids", "planar5_nmp", replace(program, smoothness=0)
 
@@ -161,34 +195,74 @@ def wrong_moves() -> Iterator[tuple[str, Callable[[], Move]]]:
     yield "out of plane", partial(replace, line, displacement=(0.1, 0.0, 0.01))
     yield "rotation", partial(replace, line, rotation=(0.0, 0.0, 0.1))
     for bounds in ((0.5,), (0.5, 0.0), (0.5, np.inf)):
-        yield f"profile {bounds}", partial(replace, line, profile=bounds, duration=0.0, smoothness=4)
+        yield (
+            f"profile {bounds}",
+            partial(replace, line, profile=bounds, duration=0.0, smoothness=4),
+        )
     for smoothness in (1, 10):
         yield (
             f"profile, smoothness {smoothness}",
             partial(replace, line, profile=TOOL, duration=0.0, smoothness=smoothness),
         )
-    yield "no way", partial(replace, line, profile=TOOL, displacement=(0.0, 0.0, 0.0), duration=0.0, smoothness=4)
-    circle = replace(line, type="tool_circle", displacement=(), center=(0.1, 0.0, 0.0), axis=(0, 0, 2.0), angle=0.4)
+    yield (
+        "no way",
+        partial(
+            replace, line, profile=TOOL, displacement=(0.0, 0.0, 0.0), duration=0.0, smoothness=4
+        ),
+    )
+    circle = replace(
+        line,
+        type="tool_circle",
+        displacement=(),
+        center=(0.1, 0.0, 0.0),
+        axis=(0, 0, 2.0),
+        angle=0.4,
+    )
     yield "circle", partial(replace, circle)
     yield "no axis", partial(replace, circle, axis=(0.0, 0.0, 0.0))
     yield "no angle", partial(replace, circle, angle=0.0)
     yield "tilted circle", partial(replace, circle, axis=(0.0, 0.1, 1.0))
     yield "no legs", partial(replace, polyline, legs=())
-    yield "zones that just fit", partial(replace, polyline, legs=(leg, replace(last, zone=0.05), last))
-    yield "zones that overlap", partial(replace, polyline, legs=(leg, replace(last, zone=0.0501), last))
+    yield (
+        "zones that just fit",
+        partial(replace, polyline, legs=(leg, replace(last, zone=0.05), last)),
+    )
+    yield (
+        "zones that overlap",
+        partial(replace, polyline, legs=(leg, replace(last, zone=0.0501), last)),
+    )
     yield "no zone", partial(replace, polyline, legs=(replace(leg, zone=0.0), last))
     yield "zone at the end", partial(replace, polyline, legs=(leg, replace(last, zone=0.01)))
     yield "reversing", partial(replace, polyline, legs=(leg, MoveL(displacement=(-0.1, 0.0, 0.0))))
     yield "speed without profile", partial(replace, polyline, legs=(replace(leg, speed=0.1), last))
-    yield "both ends", partial(replace, polyline, legs=(replace(leg, position=(1.0, 0.0, 0.0)), last))
-    yield "leg without way", partial(replace, polyline, legs=(leg, MoveL(displacement=(0.0, 0.0, 0.0))))
-    yield "straight circle", partial(replace, polyline, legs=(leg, MoveC(displacement=(0.1, 0, 0), via=(0.05, 0, 0))))
+    yield (
+        "both ends",
+        partial(replace, polyline, legs=(replace(leg, position=(1.0, 0.0, 0.0)), last)),
+    )
+    yield (
+        "leg without way",
+        partial(replace, polyline, legs=(leg, MoveL(displacement=(0.0, 0.0, 0.0)))),
+    )
+    yield (
+        "straight circle",
+        partial(replace, polyline, legs=(leg, MoveC(displacement=(0.1, 0, 0), via=(0.05, 0, 0)))),
+    )
     yield "far away", partial(replace, line, displacement=(9.0, 0.0, 0.0))
-    program = Program("tour", start=line.start, smoothness=3, profile=TOOL, steps=(leg, last), joint_profile=JOINTS)
+    program = Program(
+        "tour",
+        start=line.start,
+        smoothness=3,
+        profile=TOOL,
+        steps=(leg, last),
+        joint_profile=JOINTS,
+    )
     yield "no steps", partial(replace, program, steps=())
     yield "zone and pause", partial(replace, program, steps=(replace(leg, pause=0.1), last))
     yield "blended spaces", partial(replace, program, steps=(leg, MoveJ(end=(0.1, 0.2))))
-    yield "no joint profile", partial(replace, program, steps=(MoveJ(end=(0.1, 0.2)),), joint_profile=())
+    yield (
+        "no joint profile",
+        partial(replace, program, steps=(MoveJ(end=(0.1, 0.2)),), joint_profile=()),
+    )
     yield "program with a zone at the end", partial(replace, program, steps=(last, leg))
     yield "still", partial(replace, program, steps=(MoveJ(end=line.start),))
 
@@ -207,11 +281,15 @@ def redundant() -> Iterator[str]:
     model = derived("elbow").model
     only = replace(model, output=replace(model.output, axes="x"))
     equations = Equations(only)
-    move = Move("slide", "tool_line", model.move("line").start, 0.5, 5, displacement=(-0.08, 0.0, 0.0))
+    move = Move(
+        "slide", "tool_line", model.move("line").start, 0.5, 5, displacement=(-0.08, 0.0, 0.0)
+    )
     for joint in (None, model.coordinates[0].name):
         _, path = joint_problem(equations, move, joint)
         yield f"{path.move.rule} {len(path.segments)}"
-        yield from (line for line in path_lines(path) if line.startswith(("y0", "y2", "y4", "segment")))
+        yield from (
+            line for line in path_lines(path) if line.startswith(("y0", "y2", "y4", "segment"))
+        )
 
 
 @functools.cache
@@ -221,12 +299,18 @@ def cases() -> dict[str, Callable[[], Any]]:
         case: partial(lambda name, move: path_lines(Path(derived(name), move)), name, move)
         for case, name, move in moves()
     }
-    rough = {case: move for case, _, move in moves() if case in ("profile 0", "smoothness 3", "2 bounds", "program")}
+    rough = {
+        case: move
+        for case, _, move in moves()
+        if case in ("profile 0", "smoothness 3", "2 bounds", "program")
+    }
     found |= {
         f"jumps, {case}": partial(lambda m: rough_lines(Path(derived("planar5_nmp"), m)), move)
         for case, move in rough.items()
     }
-    found |= {f"move, {name}": partial(lambda move: [outcome(move)], move) for name, move in wrong_moves()}
+    found |= {
+        f"move, {name}": partial(lambda move: [outcome(move)], move) for name, move in wrong_moves()
+    }
     return found | {"reports": written_reports, "redundant arm": redundant}
 
 
@@ -267,7 +351,9 @@ def test_the_file_has_all_paths() -> None:
 def test_distances_from_a_path_are_those_from_its_chords() -> None:
     corner = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])
     points = np.array([[-3.0, 4.0], [1.0, -0.5], [2.5, 0.5], [2.0, 3.0], [1.5, 0.75], [2.0, 0.0]])
-    np.testing.assert_allclose(distance_from_path(points, corner), [5.0, 0.5, 0.5, 2.0, 0.5, 0.0], atol=1e-15)
+    np.testing.assert_allclose(
+        distance_from_path(points, corner), [5.0, 0.5, 0.5, 2.0, 0.5, 0.0], atol=1e-15
+    )
 
 
 if __name__ == "__main__":

@@ -66,25 +66,41 @@ def solutions() -> Iterator[tuple[str, Callable[[], Any]]]:
         ("urdf_arm", "", 3, False),
     ):
         equations = derived(name)
-        trajectory = made_trajectory(equations, 0.02 if width != 3 else 0.0, **({"move": move} if move else {}))
+        trajectory = made_trajectory(
+            equations, 0.02 if width != 3 else 0.0, **({"move": move} if move else {})
+        )
         run = made_simulation(trajectory, width, turn)
         bounds = [5.0, 2.0, 0.9, float("inf"), 4.0, 3.0][: equations.model.n_m]
         drawn = name in ("planar5_nmp", "kr300_efjm", "four_mass")
         if drawn:
-            yield f"{name} speeds", functools.partial(solution.speeds, equations, trajectory, end=0.7)
-        yield f"{name} torques", functools.partial(solution.torques, equations, trajectory, limits=bounds)
+            yield (
+                f"{name} speeds",
+                functools.partial(solution.speeds, equations, trajectory, end=0.7),
+            )
+        yield (
+            f"{name} torques",
+            functools.partial(solution.torques, equations, trajectory, limits=bounds),
+        )
         if drawn and name != "urdf_arm":
             yield f"{name} errors", functools.partial(solution.errors, equations, trajectory, run)
         yield f"{name} deflections", functools.partial(solution.deflections, equations, trajectory)
-        yield f"{name} robot", functools.partial(solution.robot, equations, trajectory, run if turn else None)
+        yield (
+            f"{name} robot",
+            functools.partial(solution.robot, equations, trajectory, run if turn else None),
+        )
         yield (
             f"{name} overview",
-            functools.partial(solution.overview, equations, trajectory, None if turn else run, end=0.8),
+            functools.partial(
+                solution.overview, equations, trajectory, None if turn else run, end=0.8
+            ),
         )
     slow = derived("planar5_nmp")
     found = Made(zeros=Made(phase="non-minimum phase", unstable_time_constant_s=0.028))
     early = made_trajectory(slow, 0.5, kind="plan")
-    yield "early torques", functools.partial(solution.torques, slow, early, analysis=found, end=0.75)
+    yield (
+        "early torques",
+        functools.partial(solution.torques, slow, early, analysis=found, end=0.75),
+    )
     yield "early overview", functools.partial(solution.overview, slow, early)
     yield "resting", functools.partial(solution.speeds, slow, resting(early))
 
@@ -106,10 +122,18 @@ def linearized() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Pictures of poles, zeros and responses."""
     yield "elbow poles", lambda: linear.pole_zero_map(analysis("elbow"))
     poles = np.array([-3 + 4j, -3 - 4j, -1e6, -1.000001e6, 2e6j])
-    far = Made(model=Made(title="Arm"), poles=poles, zeros=Made(zeros=np.array([5.0, -2e7])), zeros_motor=None)
+    far = Made(
+        model=Made(title="Arm"),
+        poles=poles,
+        zeros=Made(zeros=np.array([5.0, -2e7])),
+        zeros_motor=None,
+    )
     yield "poles and zeros far away", lambda: linear.pole_zero_map(far)
     for name in ("planar5_nmp", "four_mass"):
-        yield f"{name} analysis", functools.partial(lambda name: linear.plot_analysis(analysis(name)), name)
+        yield (
+            f"{name} analysis",
+            functools.partial(lambda name: linear.plot_analysis(analysis(name)), name),
+        )
     model = derived("planar5_nmp").model
     t = np.linspace(0.1, 0.9, 5)
     zeros = np.outer(1 + 0.1 * t, [12.0, -15.0, -3 + 40j, -3 - 40j]) * (1 + 0j)
@@ -118,7 +142,9 @@ def linearized() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "zeros along", functools.partial(along_path.zeros_along, model, path)
     yield (
         "stable zeros along",
-        functools.partial(along_path.zeros_along, model, Made(t=t, zeros=zeros[:, 1:], unstable=np.zeros(5, int))),
+        functools.partial(
+            along_path.zeros_along, model, Made(t=t, zeros=zeros[:, 1:], unstable=np.zeros(5, int))
+        ),
     )
     equations = derived("kr300_efjm")
     trajectory = made_trajectory(equations)
@@ -132,14 +158,21 @@ def linearized() -> Iterator[tuple[str, Callable[[], Any]]]:
         )
         for m in ("rigid", "lq")
     ]
-    yield "errors of methods", functools.partial(along_path.errors_of_methods, equations.model, tuple(runs))
-    rows = Rows(np.arange(6.0) ** 2, np.arange(36.0).reshape(6, 2, 3), np.array(3.0), "x", np.arange(5.0))
+    yield (
+        "errors of methods",
+        functools.partial(along_path.errors_of_methods, equations.model, tuple(runs)),
+    )
+    rows = Rows(
+        np.arange(6.0) ** 2, np.arange(36.0).reshape(6, 2, 3), np.array(3.0), "x", np.arange(5.0)
+    )
     yield "arrays", functools.partial(signals.plot_arrays, rows)
     yield "trajectory", functools.partial(signals.plot_trajectory, trajectory)
     yield (
         "path",
         functools.partial(
-            lambda: signals.plot_path(Path(derived("planar5_nmp"), derived("planar5_nmp").model.move("line")))
+            lambda: signals.plot_path(
+                Path(derived("planar5_nmp"), derived("planar5_nmp").model.move("line"))
+            )
         ),
     )
 
@@ -158,13 +191,19 @@ class Rows:
 def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Pictures of closed loops, of learning and of the study of feedback."""
     yield "control", functools.partial(control.plot_control, made_run())
-    yield "control with a failure", functools.partial(control.plot_control, made_run(failure="diverged", plants=2))
+    yield (
+        "control with a failure",
+        functools.partial(control.plot_control, made_run(failure="diverged", plants=2)),
+    )
     push = np.outer(np.sin(9 * np.linspace(-0.3, 1.1, 15)), [30.0, 40.0, 0.0, 0.0, 0.0, 2.0])
     pushed = Made(**{**vars(made_run()), "force": push, "assumed_force": 0.8 * push})
     yield "control with a force", functools.partial(control.plot_control, pushed)
     wall = np.maximum(0.0, np.outer(np.sin(9 * np.linspace(-0.3, 1.1, 15)), [0.0, 0.0, 80.0]))
     touching = Made(
-        **{**vars(pushed), "runs": [Made(**{**vars(r), "contact": r.size * 1e3 * wall}) for r in pushed.runs]}
+        **{
+            **vars(pushed),
+            "runs": [Made(**{**vars(r), "contact": r.size * 1e3 * wall}) for r in pushed.runs],
+        }
     )
     yield "control with a force and a wall", functools.partial(control.plot_control, touching)
     yield "loops", functools.partial(control.plot_loops, made_run())
@@ -205,9 +244,13 @@ def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "feedback study", functools.partial(feedback_study.plot_feedback_study, study)
     for draws in (1, 2):
         yield f"score of {draws} draws", functools.partial(scored, draws)
-    measures = np.array([[[2.0, 3.0], [4.0, 1.0], [1.0, 9.0]], [[2.5, 3.0], [4.0, 2.0], [1.5, 8.0]]])
+    measures = np.array(
+        [[[2.0, 3.0], [4.0, 1.0], [1.0, 9.0]], [[2.5, 3.0], [4.0, 2.0], [1.5, 8.0]]]
+    )
     score = Made(
-        values=measures, reference=np.array([[2.0, 4.0], [1.0, 5.0]]), measures=[Made(name="error"), Made(name="noise")]
+        values=measures,
+        reference=np.array([[2.0, 4.0], [1.0, 5.0]]),
+        measures=[Made(name="error"), Made(name="noise")],
     )
     yield "bars of a score", functools.partial(drawn, control._bars, score)
 
@@ -226,7 +269,11 @@ def scored(draws: int) -> Any:
         plants=Made(names=["a, b", "c, d"]),
     )
     each = np.array([[0.5, 1.5], [0.9, 1.1]])[:draws]
-    pulses = [Made(start_s=0.1, end_s=0.2), Made(start_s=0.3, end_s=np.inf), Made(start_s=0.5, end_s=9.0)]
+    pulses = [
+        Made(start_s=0.1, end_s=0.2),
+        Made(start_s=0.3, end_s=np.inf),
+        Made(start_s=0.5, end_s=9.0),
+    ]
     measures = np.ones((draws, 2, 1)) * [[[2.0], [3.0]]]
     score: Any = Made(
         scenario=scenario,
@@ -242,7 +289,9 @@ def scored(draws: int) -> Any:
         measures=[Made(name="error")],
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(control, "draws_of", lambda *_: [Made(disturbances=pulses), Made(disturbances=())])
+        patch.setattr(
+            control, "draws_of", lambda *_: [Made(disturbances=pulses), Made(disturbances=())]
+        )
         return control.plot_score(score)
 
 
@@ -283,11 +332,17 @@ def identified() -> Iterator[tuple[str, Callable[[], Any]]]:
         yield f"responses of an identification {sensors}", functools.partial(fitted, data, sensors)
     names = ["mass", "stiffness", "inertia", "gear.friction.coulomb", "gear.friction.viscous"]
     values = dict(zip(names, (2.2, 0.5, 3.1, 0.9, 0.4), strict=True))
-    unknowns = [Made(name=n, scale="log", parameter=Made(value=2.0 - 0.3 * k)) for k, n in enumerate(names)]
+    unknowns = [
+        Made(name=n, scale="log", parameter=Made(value=2.0 - 0.3 * k)) for k, n in enumerate(names)
+    ]
     vector = Made(unknowns=unknowns, model=Made(title="Arm"), names=names)
     correlation = np.eye(5) + 0.1 * np.arange(25).reshape(5, 5)
     for some in (True, False):
-        sd = dict(zip(names, (0.1, 0.02, None, 4.0, 0.3), strict=True)) if some else dict.fromkeys(names)
+        sd = (
+            dict(zip(names, (0.1, 0.02, None, 4.0, 0.3), strict=True))
+            if some
+            else dict.fromkeys(names)
+        )
         found = Made(
             sd=sd,
             values=values,
@@ -296,24 +351,41 @@ def identified() -> Iterator[tuple[str, Callable[[], Any]]]:
             correlation=correlation,
             is_weak=lambda name: name in ("inertia", "gear.friction.coulomb"),
         )
-        yield f"parameters, deviations {some}", functools.partial(identification.parameter_plot, found)
+        yield (
+            f"parameters, deviations {some}",
+            functools.partial(identification.parameter_plot, found),
+        )
     yield "correlations", functools.partial(identification.correlation_plot, found)
 
 
 def fitted(data: Any, sensors: bool) -> Any:
     """Two parts of the pictures of an identification: with the responses of sensors their grid, else the residuals."""
     found = Made(
-        vector=Made(start=0.5, unknowns=()), x=1.1, data=data, deflection_sd=0.1, variance=0.04 * np.abs(data.G)
+        vector=Made(start=0.5, unknowns=()),
+        x=1.1,
+        data=data,
+        deflection_sd=0.1,
+        variance=0.04 * np.abs(data.G),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(identification, "Residuals", lambda *_, **__: Made(response=lambda x: Made(G=x * data.G)))
-        return identification.response_grid(data, found) if sensors else identification.residual_plot(found)
+        patch.setattr(
+            identification,
+            "Residuals",
+            lambda *_, **__: Made(response=lambda x: Made(G=x * data.G)),
+        )
+        return (
+            identification.response_grid(data, found)
+            if sensors
+            else identification.residual_plot(found)
+        )
 
 
 def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Pictures of calibrations, compliances, gears, passive loops, servos and predictions."""
     names = [f"c{k}.compliance" for k in range(26)]
-    unknowns = [Made(name=n, kind="compliance") for n in names] + [Made(name="length", kind="length")]
+    unknowns = [Made(name=n, kind="compliance") for n in names] + [
+        Made(name="length", kind="length")
+    ]
     errors = np.array([4e-4, np.nan, 1e-4, 2e-4, 3e-4])
     calibrated = Made(
         unknowns=unknowns,
@@ -336,14 +408,19 @@ def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
         np.geomspace(1.0, 90.0, 12),
     )
     shaken = Made(
-        matrix=C, frequencies=f, response=lambda f: C / (1 + 0.1j * f[:, None, None] - (f / 20)[:, None, None] ** 2)
+        matrix=C,
+        frequencies=f,
+        response=lambda f: C / (1 + 0.1j * f[:, None, None] - (f / 20)[:, None, None] ** 2),
     )
     for some in (True, False):
         held = Made(**{**vars(shaken), "frequencies": f if some else f[:0]})
         held = Made(compliance=held, model=Made(title="Arm"))
         yield f"compliance, frequencies {some}", functools.partial(compliance.compliance_plot, held)
     t = np.linspace(0.0, 1.0, 12001)
-    loops = np.stack([np.sin(9 * t), np.cos(9 * t), np.sin(9 * t) ** 3], axis=1)[:, None] * np.arange(1.0, 5.0)[:, None]
+    loops = (
+        np.stack([np.sin(9 * t), np.cos(9 * t), np.sin(9 * t) ** 3], axis=1)[:, None]
+        * np.arange(1.0, 5.0)[:, None]
+    )
     for n, count in ((1, 12000), (4, 12001)):
         coordinates = [Made(name=f"q{k}", unit="m" if k == 3 else "rad") for k in range(n)]
         fitted = Made(
@@ -377,7 +454,10 @@ def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
     )
     yield "servo", functools.partial(servo.plot_fit, servo_fit)
     for unit in ("m", "rad"):
-        yield f"prediction of {unit}", functools.partial(uncertainty.plot_prediction, predicted(unit))
+        yield (
+            f"prediction of {unit}",
+            functools.partial(uncertainty.plot_prediction, predicted(unit)),
+        )
 
 
 def commanded(units: tuple[str, ...]) -> Any:
@@ -388,7 +468,15 @@ def commanded(units: tuple[str, ...]) -> Any:
     run.nominal, today.nominal = Made(size=0.0), Made(size=3e-3)
     time = np.linspace(-0.5, 1.4, 20)
     joint = np.outer(np.sin(time), [1.0, -0.4])
-    found: Any = Made(run=run, today=today, status="solved", units=units, time=time, joint=joint, joints=["q1", "q2"])
+    found: Any = Made(
+        run=run,
+        today=today,
+        status="solved",
+        units=units,
+        time=time,
+        joint=joint,
+        joints=["q1", "q2"],
+    )
     return servo.plot_commands(found)
 
 
@@ -397,7 +485,9 @@ def predicted(unit: str) -> Any:
     t, sizes = np.linspace(0.0, 0.8, 9), np.array([4.0, 1.0, 2.0, 7.0, 3.0, 5.0, 6.0])
     planned = np.outer(np.cos(t), [1.0, 2.0, 3.0, 4.0])
     width = np.outer(1 + t, [3e-3, 1e-3, 9e-3, 4e-3])
-    band = Made(low=planned - width, high=planned + 2 * width, planned=planned, names=["a", "b", "c", "d"])
+    band = Made(
+        low=planned - width, high=planned + 2 * width, planned=planned, names=["a", "b", "c", "d"]
+    )
     coordinates = [Made(unit="rad"), Made(unit=unit)]
     return Made(
         solution=Made(model=Made(title="Arm", coordinates=coordinates), move=Made(name="line")),
@@ -459,7 +549,9 @@ def test_pictures_of_measured_robots_are_what_they_were() -> None:
 
 def test_the_file_has_all_pictures_and_a_change_is_seen() -> None:
     assert list(kept(GOLDEN)) == list(cases())
-    assert changes(GOLDEN, ["control"], lambda name: [*kept(GOLDEN)[name][:-1], "x"])[1].startswith("control: was ")
+    assert changes(GOLDEN, ["control"], lambda name: [*kept(GOLDEN)[name][:-1], "x"])[1].startswith(
+        "control: was "
+    )
 
 
 if __name__ == "__main__":

@@ -66,12 +66,16 @@ def prediction(error_m: float | None, error_rad: float | None, halves: int) -> P
     )
 
 
-def servo(explained: float, noise: float = 2.5e-5, converged: bool = True, repeats: bool = False) -> ServoFit:
+def servo(
+    explained: float, noise: float = 2.5e-5, converged: bool = True, repeats: bool = False
+) -> ServoFit:
     angle = np.array([[0.0], [0.0 if repeats else 0.5], [1.0]])
     law = flexgen.Cascade([20.0, 31.25], [5.0, 0.7], [1.0, 8.123456])
     return made(
         ServoFit,
-        servo=flexgen.Servo(law, speed_feedforward=0.85, reference_filter_s=2.5e-3, sample_time=1e-3),
+        servo=flexgen.Servo(
+            law, speed_feedforward=0.85, reference_filter_s=2.5e-3, sample_time=1e-3
+        ),
         latency_s=3.125e-3,
         gain_sd=np.array([[0.011, 0.02], [0.03, 0.04], [0.05, 0.1234]]),
         common_sd={"speed_feedforward": 0.0123, "reference_filter_s": 1.5e-5, "latency_s": 2.5e-6},
@@ -120,12 +124,42 @@ def commands(failure: str, saturated: int, active: tuple[str, ...]) -> PositionC
 def gears(status: GearStatus) -> GearFit:
     key = "element.upper.dof.q1.gear"
     numbers = (
-        Number("q1.stiffness", 7.5189e6, 1.25e4, "N m/rad", (f"{key}.spring.stiffness", "", -1), True),
+        Number(
+            "q1.stiffness", 7.5189e6, 1.25e4, "N m/rad", (f"{key}.spring.stiffness", "", -1), True
+        ),
         Number("q1.damping", 1400.0, 2e3, "N m s/rad", (f"{key}.damping", "", -1), False),
-        Number("q1.hysteresis.lost_motion", 2.9e-4, 3e-6, "rad", (f"{key}.hysteresis", "lost_motion", 0), True),
-        Number("q1.hysteresis.stiffness", 1e6, 2e4, "N m/rad", (f"{key}.hysteresis", "stiffness", 0), True),
-        Number("q1.transmission_error.cos_1", 1e-5, 1e-6, "rad", (f"{key}.transmission_error", "cos", 0), True),
-        Number("q1.transmission_error.sin_3", 2e-5, 1e-6, "rad", (f"{key}.transmission_error", "sin", 1), True),
+        Number(
+            "q1.hysteresis.lost_motion",
+            2.9e-4,
+            3e-6,
+            "rad",
+            (f"{key}.hysteresis", "lost_motion", 0),
+            True,
+        ),
+        Number(
+            "q1.hysteresis.stiffness",
+            1e6,
+            2e4,
+            "N m/rad",
+            (f"{key}.hysteresis", "stiffness", 0),
+            True,
+        ),
+        Number(
+            "q1.transmission_error.cos_1",
+            1e-5,
+            1e-6,
+            "rad",
+            (f"{key}.transmission_error", "cos", 0),
+            True,
+        ),
+        Number(
+            "q1.transmission_error.sin_3",
+            2e-5,
+            1e-6,
+            "rad",
+            (f"{key}.transmission_error", "sin", 1),
+            True,
+        ),
         Number("m1.cogging.cos_2", 0.25, 0.01, "N m", ("motor.m1.cogging", "cos", 0), True),
     )
     return made(
@@ -148,7 +182,10 @@ def gears(status: GearStatus) -> GearFit:
 def calibration(shared: bool, converged: bool = True) -> Calibration:
     names = ("q1.zero", "q2.compliance", "body.mass", *(f"measurement.{k}" for k in FRAME))
     kinds = ("zero", "compliance", "mass", *["frame"] * 6)
-    unknowns = tuple(Made(name=n, kind=k, start=0.5, unit="rad", sd=0.1) for n, k in zip(names, kinds, strict=True))
+    unknowns = tuple(
+        Made(name=n, kind=k, start=0.5, unit="rad", sd=0.1)
+        for n, k in zip(names, kinds, strict=True)
+    )
     errors = np.array([[1e-4, 2e-4], [np.nan, 6e-4]])
     out = made(
         Calibration,
@@ -190,7 +227,12 @@ def _cases() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "prediction of an unstable robot", lambda: prediction(None, None, 0)
     for least in (3.0, -0.25):
         margins = least + np.array([[0.0, 1.0, 2.0], [3.0, 0.125, 4.0]])
-        fields = {"model": "arm", "controller": "pd", "poses": ("home", "end"), "hz": np.array([0.1, 1.5, 400.0])}
+        fields = {
+            "model": "arm",
+            "controller": "pd",
+            "poses": ("home", "end"),
+            "hz": np.array([0.1, 1.5, 400.0]),
+        }
         yield f"passivity {least}", functools.partial(made, Passivity, **fields, margins=margins)
     for explained in (0.987654, 0.5):
         yield f"servo {explained}", functools.partial(servo, explained)
@@ -210,11 +252,18 @@ def _cases() -> Iterator[tuple[str, Callable[[], Any]]]:
 def lines(name: str) -> list[str]:
     """The texts of a result."""
     found = cases()[name]()
-    out = [*repr(found).splitlines(), *str(found).splitlines(), f"problem: {getattr(found, 'problem', '')}"]
+    out = [
+        *repr(found).splitlines(),
+        *str(found).splitlines(),
+        f"problem: {getattr(found, 'problem', '')}",
+    ]
     if isinstance(found, Calibration):
         out += text_of_calibration(found).splitlines()
     out += [f"{name}: {text}" for name, text in (found._rows() if hasattr(found, "_rows") else ())]
-    figures = [f"{key}: {json.dumps(value, sort_keys=True, default=str)}" for key, value in found.to_dict().items()]
+    figures = [
+        f"{key}: {json.dumps(value, sort_keys=True, default=str)}"
+        for key, value in found.to_dict().items()
+    ]
     return [line.rstrip() for line in [*out, *figures]]
 
 

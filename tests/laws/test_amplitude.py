@@ -16,7 +16,11 @@ from identification_cases import exact_responses, poses_of
 
 import flexgen
 from flexgen.analysis import amplitude
-from flexgen.analysis.describing_functions import average_coulomb, average_hysteresis, average_spring
+from flexgen.analysis.describing_functions import (
+    average_coulomb,
+    average_hysteresis,
+    average_spring,
+)
 from flexgen.analysis.gear_changes import fit_changes
 from flexgen.analysis.missing_springs import without
 from flexgen.analysis.response_inputs import Drive
@@ -32,7 +36,11 @@ HORIZONTAL = {"gravity": [0.0, 0.0, 0.0]}
 # Robots, standard deviations of the deflections of their gears at the full level [rad], and Coulomb friction [N m]; the
 # gears of elbow are loaded by gravity.
 ROBOTS = {
-    "planar5_nmp": (flexgen.read("planar5_nmp", overrides=HORIZONTAL), np.array([2.0e-4, 1.06e-4]), 0.04),
+    "planar5_nmp": (
+        flexgen.read("planar5_nmp", overrides=HORIZONTAL),
+        np.array([2.0e-4, 1.06e-4]),
+        0.04,
+    ),
     "elbow": (flexgen.read("elbow"), np.array([2.64e-4, 2.47e-4]), 0.12),
 }
 NONLINEAR = ("backlash", "stiffness that rises", "hysteresis", "Coulomb friction")
@@ -57,7 +65,9 @@ def truth_of(name, fault, factor=1.0):
     bodies = [f"{element.name}.mass" for element in robot.elements]
     changed = {"payload": bodies[-1:], "masses": bodies}.get(fault, [])
     size = 1.0 + 0.3 * factor
-    return with_values(robot, {p.name: size * p.value for p in select(robot, changed)}), int(fault == "delay")
+    return with_values(robot, {p.name: size * p.value for p in select(robot, changed)}), int(
+        fault == "delay"
+    )
 
 
 @cache
@@ -69,7 +79,9 @@ def responses(name, cause, seed=0, factor=1.0):
     truth, late = truth_of(name, cause, factor)
     law = law_of(name, cause, factor)
     runs = [plant.at_level(plan, level) for level in LEVELS]
-    measured = [plant.simulate(run, truth, law, seed=2 * seed + k, late=late) for k, run in enumerate(runs)]
+    measured = [
+        plant.simulate(run, truth, law, seed=2 * seed + k, late=late) for k, run in enumerate(runs)
+    ]
     return tuple(flexgen.frf(experiment) for experiment in measured)
 
 
@@ -83,7 +95,9 @@ def identified(name, cause, seed=0, factor=1.0):
 once_identified = cache(identified)  # where nothing is planted
 
 
-@pytest.mark.parametrize("cause", [*(pytest.param(x, marks=pytest.mark.slow) for x in NONLINEAR[:-1]), NONLINEAR[-1]])
+@pytest.mark.parametrize(
+    "cause", [*(pytest.param(x, marks=pytest.mark.slow) for x in NONLINEAR[:-1]), NONLINEAR[-1]]
+)
 def test_a_nonlinearity_is_named(cause):
     found = once_identified("planar5_nmp", cause).amplitude
     assert cause in found.causes[0].words and len(found.causes) == 1 and found.causes[0].share > 0.9
@@ -100,7 +114,9 @@ def test_each_nonlinearity_is_named_on_each_robot(name, cause, seed):
     assert found.causes and cause in found.causes[0].words
 
 
-@pytest.mark.parametrize("fault", ["nothing", pytest.param("missing spring", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "fault", ["nothing", pytest.param("missing spring", marks=pytest.mark.slow)]
+)
 def test_a_linear_robot_is_not_called_nonlinear(fault):
     assert not identified("planar5_nmp", fault).amplitude.differs
 
@@ -121,7 +137,9 @@ def test_no_linear_fault_is_called_nonlinear(name, fault, seed):
 @pytest.mark.slow
 def test_numbers_of_a_law_are_those_that_were_planted():
     """Coulomb friction within 10 %, the half width of a dead band, a small part of the motion, within 35 %."""
-    friction, gap = (once_identified("planar5_nmp", cause).amplitude.causes[0].words for cause in NONLINEAR[::-3])
+    friction, gap = (
+        once_identified("planar5_nmp", cause).amplitude.causes[0].words for cause in NONLINEAR[::-3]
+    )
     found = [float(word[1:].strip("+-")) for word in friction.split() if word.startswith("(")]
     np.testing.assert_allclose(found, [0.04, 0.028], rtol=0.1)
     found = [float(word.strip("(+-")) for word in gap.split() if word.startswith("(")]
@@ -147,11 +165,21 @@ def test_a_wrong_sign_of_the_speed_dependence_is_seen(monkeypatch):
 def test_a_friction_that_the_model_has_is_not_named_again():
     """What remains is distortion."""
     robot, _, friction = ROBOTS["planar5_nmp"]
-    own = [replace(m.friction, coulomb=c * friction, beta=20.0) for m, c in zip(robot.motors, (1.0, 0.7), strict=True)]
-    model = replace(robot, motors=tuple(replace(m, friction=f) for m, f in zip(robot.motors, own, strict=True)))
+    own = [
+        replace(m.friction, coulomb=c * friction, beta=20.0)
+        for m, c in zip(robot.motors, (1.0, 0.7), strict=True)
+    ]
+    model = replace(
+        robot, motors=tuple(replace(m, friction=f) for m, f in zip(robot.motors, own, strict=True))
+    )
     data = responses("planar5_nmp", "Coulomb friction")
     found = flexgen.identify(model, data[0], starts=1, levels=data[1:], progress=False).amplitude
-    assert found.differs and not found.changed and found.causes == () and "distortion" in found.sentence
+    assert (
+        found.differs
+        and not found.changed
+        and found.causes == ()
+        and "distortion" in found.sentence
+    )
 
 
 @pytest.mark.slow
@@ -178,7 +206,9 @@ def test_levels_that_cannot_be_compared_are_refused():
 def test_a_model_with_backlash_is_refused():
     dead_band = {"type": "backlash", "stiffness": 4e5, "gap": 1e-4, "smoothing": 1e-5}
     robot = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.spring": dead_band})
-    with pytest.raises(ArgumentError, match="levels: given a model with backlash in the gear of q1, expected other"):
+    with pytest.raises(
+        ArgumentError, match="levels: given a model with backlash in the gear of q1, expected other"
+    ):
         at_levels._gears(robot)
 
 
@@ -186,19 +216,26 @@ def test_changes_are_those_of_a_model_with_other_numbers():
     """Against the responses of the model itself; planted: the changes with the other sign."""
     robot = ROBOTS["planar5_nmp"][0]
     changed = {"q1.stiffness": 1.1, "q2.stiffness": 0.9, "q1.damping": 1.3, "m1.viscous": 2.0}
-    truth = with_values(robot, {p.name: changed[p.name] * p.value for p in select(robot, list(changed))})
+    truth = with_values(
+        robot, {p.name: changed[p.name] * p.value for p in select(robot, list(changed))}
+    )
     w, poses = 2 * np.pi * np.geomspace(2.0, 120.0, 40), poses_of(robot, 1)
     before, after = (exact_responses(each, poses, w, Drive(5e-4)) for each in (robot, truth))
     vector = ParameterVector(robot, ["stiffness"])
     K = at_levels._gears(robot)[1]
     level = at_levels._level(Residuals(vector, before), before, vector.start, K)
     found = fit_changes(level.model, 0, after.G[0], after.variance[0], np.zeros(8))
-    k, h, d, v = (unit * x for unit, x in zip(level.model.units, found.x.reshape(4, 2), strict=True))
+    k, h, d, v = (
+        unit * x for unit, x in zip(level.model.units, found.x.reshape(4, 2), strict=True)
+    )
     np.testing.assert_allclose(k, [0.1 * K[0], -0.1 * K[1]], rtol=2e-3)
     np.testing.assert_allclose([d[0], v[0]], [0.3 * 400.0, 20e-4], rtol=0.05)
     assert np.abs(h / K).max() < 2e-3
     step = 1e-6 * np.eye(8)
-    central = [(level.model.response(0, found.x + z) - level.model.response(0, found.x - z)) / 2e-6 for z in step]
+    central = [
+        (level.model.response(0, found.x + z) - level.model.response(0, found.x - z)) / 2e-6
+        for z in step
+    ]
     exact = level.model.derivative(0, found.x)
     np.testing.assert_allclose(exact, np.moveaxis(central, 0, -1), atol=1e-6 * np.abs(exact).max())
     wrong = replace(level.model, L=-level.model.L)
@@ -211,12 +248,20 @@ def test_describing_functions_of_springs_and_friction_are_means_over_a_gaussian(
         d = mean + sd * e
         torque = np.sign(d) * np.maximum(np.abs(d) - gap, 0)
         left = torque - torque.mean() - (N := (torque * e).mean() / sd) * sd * e
-        found = average_spring(lambda x, b=gap: x - np.clip(x, -b, b), np.array([torque.mean()]), np.array([sd]))
-        np.testing.assert_allclose([found[0][0], found[1][0]], [N, left.std() / (N * sd)], rtol=1e-2)
+        found = average_spring(
+            lambda x, b=gap: x - np.clip(x, -b, b), np.array([torque.mean()]), np.array([sd])
+        )
+        np.testing.assert_allclose(
+            [found[0][0], found[1][0]], [N, left.std() / (N * sd)], rtol=1e-2
+        )
     c, sd, mean = 0.7, 0.8, 0.5
-    N, e3 = average_spring(lambda d: d + c * d**3, np.array([mean + c * mean * (mean**2 + 3 * sd**2)]), np.array([sd]))
+    N, e3 = average_spring(
+        lambda d: d + c * d**3, np.array([mean + c * mean * (mean**2 + 3 * sd**2)]), np.array([sd])
+    )
     assert N[0] == pytest.approx(1 + 3 * c * (sd**2 + mean**2), rel=1e-6)
-    assert e3[0] == pytest.approx(c * np.sqrt(6 * sd**6 + 18 * mean**2 * sd**4) / (N[0] * sd), rel=1e-5)
+    assert e3[0] == pytest.approx(
+        c * np.sqrt(6 * sd**6 + 18 * mean**2 * sd**4) / (N[0] * sd), rel=1e-5
+    )
     assert average_coulomb(2.0) == pytest.approx((np.sign(e) * e).mean() / 2, rel=1e-3)
 
 

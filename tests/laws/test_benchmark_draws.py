@@ -49,16 +49,21 @@ def shorter(name: str = "four_mass", draws: int = 1) -> Scenario:
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_model_of_the_same_name_in_the_current_folder_does_not_enter(tmp_path, monkeypatch, version):
+def test_a_model_of_the_same_name_in_the_current_folder_does_not_enter(
+    tmp_path, monkeypatch, version
+):
     own = scenario("four_mass", version)
     (tmp_path / "models").mkdir()
     text = (packaged_models() / "four_mass.toml").read_text()
-    (tmp_path / "models" / "four_mass.toml").write_text(re.sub(r"(?m)^inertia = 5e-3", "inertia = 0.05", text))
+    (tmp_path / "models" / "four_mass.toml").write_text(
+        re.sub(r"(?m)^inertia = 5e-3", "inertia = 0.05", text)
+    )
     monkeypatch.chdir(tmp_path)
     scenario_file._parse_table.cache_clear()
     again = scenario("four_mass", version)
     assert again.digest == own.digest and again.model.motors == own.model.motors
-    copy = tmp_path / "mine.toml"  # a file of one's own takes the model of the folder, and has another hash
+    # a file of one's own takes the model of the folder, and has another hash
+    copy = tmp_path / "mine.toml"
     copy.write_text((FOLDER / f"four_mass-{version}.toml").read_text())
     other = scenario(copy)
     assert other.model.motors[0].inertia == 0.05 and other.digest != own.digest and not other.frozen
@@ -104,7 +109,8 @@ def test_a_score_that_is_not_a_number_is_refused():
     """A measure of the reference that is zero has no ratio; a NaN in the measures is not accepted as a score."""
     s = shorter()
     with pytest.raises(
-        ArgumentError, match=r"settling time: the reference controller has 0\.0 s, expected a number > 0"
+        ArgumentError,
+        match=r"settling time: the reference controller has 0\.0 s, expected a number > 0",
     ):
         reference_measures(dataclasses.replace(s, tolerance=1e6), 1)
     found = flexgen.score(s, "ppi", progress=False)
@@ -119,9 +125,13 @@ def test_a_score_that_is_not_a_number_is_refused():
 def test_draws_differ_in_all_that_the_rule_names():
     s = scenario("four_mass")
     draws = [draw for seed in range(40) for draw in draws_of(s, seed)]
-    steps = [next(d for d in draw.disturbances if d.kind == "step" and d.where == "m1") for draw in draws]
+    steps = [
+        next(d for d in draw.disturbances if d.kind == "step" and d.where == "m1") for draw in draws
+    ]
     starts, sizes = np.array([d.start_s for d in steps]), np.array([d.size for d in steps])
-    assert 0.4 < (sizes > 0).mean() < 0.6 and np.all((np.abs(sizes) >= 2.8) & (np.abs(sizes) <= 5.2))
+    assert 0.4 < (sizes > 0).mean() < 0.6 and np.all(
+        (np.abs(sizes) >= 2.8) & (np.abs(sizes) <= 5.2)
+    )
     assert np.ptp(starts) > 25 and len(set(np.round(starts, 3))) > 310
     assert len({draw.seed for draw in draws}) == len({draw.first for draw in draws}) == len(draws)
     assert min(draw.first for draw in draws) >= 2**20
@@ -139,7 +149,9 @@ class Cheat:
     """The reference controller of four_mass, and the disturbances of a table cancelled by it, tool and motor."""
 
     def __init__(self, cascade, table, sample_s):
-        self.gains = [float(x[0]) for x in (cascade.position_gain, cascade.speed_gain, cascade.integral_gain)]
+        self.gains = [
+            float(x[0]) for x in (cascade.position_gain, cascade.speed_gain, cascade.integral_gain)
+        ]
         self.filter = cascade.begin(sample_s)._state["sections"][0, 0].tolist()
         self.table, self.sample_s = [*table[:, 0].tolist(), 0.0], sample_s
 
@@ -189,7 +201,9 @@ def gain(s: Scenario, known: Scenario, seed: int, other: int) -> float:
 def test_a_table_of_the_disturbances_gains_nothing_in_new_draws():
     """Less than 2 %; planted: with the draw of the table, more than 30 %. Four segments of seven."""
     s = shorter()
-    kept = tuple(x for x in s.plan.segments if x.name in ("motor step", "motor pulse", "tool step", "quiet"))
+    kept = tuple(
+        x for x in s.plan.segments if x.name in ("motor step", "motor pulse", "tool step", "quiet")
+    )
     s = dataclasses.replace(s, duration_s=20.5, plan=dataclasses.replace(s.plan, segments=kept),
                             windows=(dataclasses.replace(s.windows[0], end=20.5),))  # fmt: skip
     assert gain(s, s, 1, 1) > 0.3
@@ -295,13 +309,17 @@ def test_a_failed_robot_does_not_stop_the_others(tmp_path):
     stopped = [k for k, failure in enumerate(failures) if failure]
     assert 0 < len(stopped) < 3
     for k in stopped:
-        step, count = map(int, re.match(r"step (\d+) raised ValueError: too far at (\d+)$", failures[k]).groups())
+        step, count = map(
+            int, re.match(r"step (\d+) raised ValueError: too far at (\d+)$", failures[k]).groups()
+        )
         assert count == step + 1 > 1
     assert all(np.abs(tau[-1, k]).max() > 0 for k in range(3) if k not in stopped)
 
 
 def test_all_samples_together_have_a_time_limit(tmp_path):
-    _, _, failures = few(controller_file(tmp_path, "import time; time.sleep(0.01); return ref.tau_m"), total_s=0.1)
+    _, _, failures = few(
+        controller_file(tmp_path, "import time; time.sleep(0.01); return ref.tau_m"), total_s=0.1
+    )
     assert all("took more than 0.1 s for all samples" in failure for failure in failures)
 
 
@@ -321,7 +339,17 @@ def test_objects_and_libraries_run_in_a_process_too(tmp_path, monkeypatch):
         "{ (void)x; (void)k; u[0] = ref[1] + 20.0 * (ref[0] - y[0]); return 0; }\n"
     )
     include = Path(flexgen.__file__).parent / "loop"
-    run(CC, "-O1", "-shared", "-fPIC", f"-I{include}", source, "-o", tmp_path / "plug.so", folder=tmp_path)
+    run(
+        CC,
+        "-O1",
+        "-shared",
+        "-fPIC",
+        f"-I{include}",
+        source,
+        "-o",
+        tmp_path / "plug.so",
+        folder=tmp_path,
+    )
     same, _, failures = few(str(tmp_path / "plug.so"))
     assert failures == ("", "", "") and np.array_equal(tau, same)
 
@@ -330,22 +358,30 @@ def test_objects_and_libraries_run_in_a_process_too(tmp_path, monkeypatch):
 def test_an_object_of_a_notebook_needs_cloudpickle(installed, monkeypatch):
     made = type("Mine", (Cheat,), {"__module__": "__main__", "__init__": object.__init__})()
     dumps = SimpleNamespace(dumps=lambda given: b"by value" if given is made else b"")
-    monkeypatch.setattr(foreign.importlib.util, "find_spec", lambda name: dumps if installed else None)
+    monkeypatch.setattr(
+        foreign.importlib.util, "find_spec", lambda name: dumps if installed else None
+    )
     monkeypatch.setitem(sys.modules, "cloudpickle", dumps)
     monkeypatch.setattr(foreign, "_main_file", lambda given: "")
     if installed:
         assert foreign._pickle(made) == base64.b64encode(b"by value").decode()
         return
-    with pytest.raises(ArgumentError, match=r"an object of Mine, which no file has.* give 'file\.py:Mine'"):
+    with pytest.raises(
+        ArgumentError, match=r"an object of Mine, which no file has.* give 'file\.py:Mine'"
+    ):
         foreign._pickle(made)
 
 
 def test_a_class_that_no_file_has_is_refused_with_what_to_do():
     made = type("Here", (Cheat,), {"__module__": "nowhere", "__init__": object.__init__})()
-    with pytest.raises(ArgumentError, match=r"cannot be sent to a separate process .* or 'file.py:Here'"):
+    with pytest.raises(
+        ArgumentError, match=r"cannot be sent to a separate process .* or 'file.py:Here'"
+    ):
         ForeignController(made)
     inherited = type("Mine", (type(scenario("four_mass").reference),), {})
-    with pytest.raises(ArgumentError, match="expected one that regulates without the planned motion"):
+    with pytest.raises(
+        ArgumentError, match="expected one that regulates without the planned motion"
+    ):
         flexgen.score(shorter(), inherited(*[np.ones(1)] * 3), progress=False)
 
 
@@ -359,7 +395,9 @@ def test_code_has_new_draws_in_every_score_and_says_where_it_has_not(tmp_path):
     assert first.seed != second.seed and not first.rule and first.accepted
     again = flexgen.score(s, given, seed=first.seed, progress=False)
     assert again.total == first.total and "no fair score: the seed" in str(again)
-    assert flexgen.score(s, "reference", seed=first.seed, progress=False).total == pytest.approx(first.total, rel=1e-9)
+    assert flexgen.score(s, "reference", seed=first.seed, progress=False).total == pytest.approx(
+        first.total, rel=1e-9
+    )
 
 
 CASCADE = """
@@ -391,7 +429,9 @@ def test_settling_does_not_jump_by_periods():
     for version in (1, 2):
         own = dataclasses.replace(s, measures_version=version)
         sizes = 1.0 * 1.002 ** np.arange(400)
-        times[version] = np.array([compute_measures(own, window, a * shape, np.zeros((8000, 1)))[0] for a in sizes])
+        times[version] = np.array(
+            [compute_measures(own, window, a * shape, np.zeros((8000, 1)))[0] for a in sizes]
+        )
     jumps = {version: np.diff(found).max() for version, found in times.items()}
     assert jumps[1] > 0.2 and jumps[2] < 0.02  # s
     assert np.all(np.diff(times[2]) >= 0) and np.abs(times[2] - times[1]).max() < 0.3
@@ -402,7 +442,10 @@ def test_settling_is_the_mean_over_bands():
     s = dataclasses.replace(scenario("four_mass"), measures_version=2)
     t = s.sample_s * np.arange(8000)
     rng = np.random.default_rng(3)
-    z = sum(rng.normal() * np.exp(-r * t) * np.cos(2 * np.pi * f * t) for r, f in ((1, 1.3), (2, 4.1), (1.5, 7.7)))
+    z = sum(
+        rng.normal() * np.exp(-r * t) * np.cos(2 * np.pi * f * t)
+        for r, f in ((1, 1.3), (2, 4.1), (1.5, 7.7))
+    )
     window = (Window("step", 0.0, 4.0, {"settling": 1.0}),)
     found = compute_measures(s, window, z[:, None], np.zeros((8000, 1)))[0]
     away = np.abs(z - z[-200:].mean())
@@ -414,15 +457,39 @@ def test_settling_is_the_mean_over_bands():
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [
-        ("wait_s = [0.0, 0.5]", "wait_s = [0.0, 5.0]", "duration_s: given 39.0, expected at least 70.5 s"),
-        ("factor = [0.7, 1.3]", "factor = [1.3, 0.7]", "draw.factor: given .* expected two numbers >= 0"),
-        ("count = 8", "count = 4294967296", "draw.count: given 4294967296, expected a whole number from 1 to 1000"),
+        (
+            "wait_s = [0.0, 0.5]",
+            "wait_s = [0.0, 5.0]",
+            "duration_s: given 39.0, expected at least 70.5 s",
+        ),
+        (
+            "factor = [0.7, 1.3]",
+            "factor = [1.3, 0.7]",
+            "draw.factor: given .* expected two numbers >= 0",
+        ),
+        (
+            "count = 8",
+            "count = 4294967296",
+            "draw.count: given 4294967296, expected a whole number from 1 to 1000",
+        ),
         ("end_s = 3.0", "end_s = nan", "draw.end_s: given nan, expected a number >= 1"),
         ('name = "tool pulse"', 'name = "tool step"', "segments of different names"),
         ("length_s = 0.02", "length_s = 5.0", "one that ends within 4 s"),
-        ("version = 2\ntolerance", "version = 9\ntolerance", "measures.version: given 9, expected one of 1, 2"),
-        ("weights = { torque_peak = 0.5 }", "weights = { torque_peak = nan }", "given nan, expected a number >= 0"),
-        ("sets = [0.3, 0.2]", "sets = [nan, 0.2]", "score.sets: given .* expected a list of 2 numbers"),
+        (
+            "version = 2\ntolerance",
+            "version = 9\ntolerance",
+            "measures.version: given 9, expected one of 1, 2",
+        ),
+        (
+            "weights = { torque_peak = 0.5 }",
+            "weights = { torque_peak = nan }",
+            "given nan, expected a number >= 0",
+        ),
+        (
+            "sets = [0.3, 0.2]",
+            "sets = [nan, 0.2]",
+            "score.sets: given .* expected a list of 2 numbers",
+        ),
     ],
 )
 def test_wrong_scenarios_with_draws_are_refused(tmp_path, before, after, words):
@@ -437,11 +504,21 @@ def test_wrong_scenarios_with_draws_are_refused(tmp_path, before, after, words):
     ("before", "after", "words"),
     [
         ('unit = "mm"', 'unit = "m"', "output.x.scale: given 1000.0, expected 1 for the unit m"),
-        ("scale = 1000.0", "scale = 1.0", "output.x.scale: given 1.0, expected 1000 for the unit mm"),
-        ('unit = "mm"', 'unit = "mrad"', 'output.x.unit: given "mrad", expected m, mm, um: the tool'),
+        (
+            "scale = 1000.0",
+            "scale = 1.0",
+            "output.x.scale: given 1.0, expected 1000 for the unit mm",
+        ),
+        (
+            'unit = "mm"',
+            'unit = "mrad"',
+            'output.x.unit: given "mrad", expected m, mm, um: the tool',
+        ),
     ],
 )
-def test_a_position_of_the_tool_in_a_unit_of_another_scale_is_refused(tmp_path, before, after, words):
+def test_a_position_of_the_tool_in_a_unit_of_another_scale_is_refused(
+    tmp_path, before, after, words
+):
     text = (FOLDER / "two_link-2.toml").read_text()
     assert before in text
     (tmp_path / "mine.toml").write_text(text.replace(before, after, 1))
@@ -455,14 +532,21 @@ def test_outputs_of_two_units_are_shown_each_in_its_own(monkeypatch):
     angle = Output("q1", "mrad", {"q1": 1000.0}, "", 1.0)
     mixed = dataclasses.replace(given, outputs=(given.outputs[0], angle))
     units = {measure.name: measure.unit for measure in measures_of(mixed)}
-    assert units["tool step, peak to peak of x"] == "mm" and units["tool step, peak to peak of q1"] == "mrad"
+    assert (
+        units["tool step, peak to peak of x"] == "mm"
+        and units["tool step, peak to peak of q1"] == "mrad"
+    )
     n, robots = round(mixed.duration_s / mixed.sample_s), len(mixed.plants.names) + 2
     z = np.zeros((n, robots, 2))
     z[:, :, 0] = 0.25 * np.sin(0.1 * np.arange(n))[:, None]  # 0.5 mm peak to peak: at rest
     z[:, 1, 1] = 2.0 * np.sin(0.1 * np.arange(n))
-    monkeypatch.setattr(Bench, "simulate", lambda *args: (z, np.zeros((n, robots, 2)), ("",) * robots))
+    monkeypatch.setattr(
+        Bench, "simulate", lambda *args: (z, np.zeros((n, robots, 2)), ("",) * robots)
+    )
     refused = Bench(mixed).run(None).refused
-    assert refused[0].endswith("q1 not at rest in the end: 4 mrad peak to peak, expected 1 mrad"), refused
+    assert refused[0].endswith("q1 not at rest in the end: 4 mrad peak to peak, expected 1 mrad"), (
+        refused
+    )
     assert all(mixed.plants.names[1] in reason for reason in refused)
 
 
@@ -478,6 +562,13 @@ def test_outputs_without_an_axis_are_weighted_sums_of_the_coordinates(name):
 
 def test_versions_are_named():
     assert scenario("four_mass").version == 2 and scenario("four_mass@1").version == 1
-    for name, version in (("four_mass", 3), ("four_mass@3", None), ("four_mass@x", None), ("four_mass@1", 2)):
-        with pytest.raises(ArgumentError, match=r"version of four_mass.*: given .*, expected one of 1, 2"):
+    for name, version in (
+        ("four_mass", 3),
+        ("four_mass@3", None),
+        ("four_mass@x", None),
+        ("four_mass@1", 2),
+    ):
+        with pytest.raises(
+            ArgumentError, match=r"version of four_mass.*: given .*, expected one of 1, 2"
+        ):
             scenario(name, version)

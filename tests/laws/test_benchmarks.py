@@ -49,7 +49,11 @@ def test_the_plant_is_the_published_equations():
     for size in (1e-2, 1.0):
         q, v, tau = size * rng.normal(size=4), size * rng.normal(size=4), rng.normal()
         twist = q[0] - q[1]
-        gear = low * twist if abs(twist) < at else low * at * np.sign(twist) + high * (twist - at * np.sign(twist))
+        gear = (
+            low * twist
+            if abs(twist) < at
+            else low * at * np.sign(twist) + high * (twist - at * np.sign(twist))
+        )
         t1 = gear + d1 * (v[0] - v[1])
         t2, t3 = k2 * (q[1] - q[2]) + d2 * (v[1] - v[2]), k3 * (q[2] - q[3]) + d3 * (v[2] - v[3])
         expected = np.array(
@@ -60,7 +64,8 @@ def test_the_plant_is_the_published_equations():
                 (t3 - f_a * v[3]) / J3,
             ]
         )
-        to_arm = np.array([[1, 0, 0], [-1, 1, 0], [0, -1, 1]]) / n  # absolute on the motor side -> relative, arm side
+        # absolute on the motor side -> relative, arm side
+        to_arm = np.array([[1, 0, 0], [-1, 1, 0], [0, -1, 1]]) / n
         a_a, a_m = forward(to_arm @ q[1:], to_arm @ v[1:], q[:1], v[:1], tau)
         found = np.concatenate([a_m.full().ravel(), np.linalg.solve(to_arm, a_a.full().ravel())])
         assert np.allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
@@ -85,16 +90,25 @@ def test_version_1_has_its_published_score_and_hash():
     """1e-12; 1e-6 under halved steps."""
     found = flexgen.score("four_mass", version=1, progress=False)
     assert found.total == pytest.approx(PUBLISHED["four_mass", "reference"], abs=1e-12)
-    assert found.scenario.digest.startswith("6c9c55b8edde") and found.scenario.frozen and np.isnan(found.spread)
+    assert (
+        found.scenario.digest.startswith("6c9c55b8edde")
+        and found.scenario.frozen
+        and np.isnan(found.spread)
+    )
     check_numbers("score", found=found.to_dict())
     finer = flexgen.score("four_mass@1", steps=2, progress=False)
-    assert abs(finer.total - found.total) < 1e-6 and "not the published score: 2 integration steps" in str(finer)
+    assert abs(
+        finer.total - found.total
+    ) < 1e-6 and "not the published score: 2 integration steps" in str(finer)
 
 
 @pytest.mark.slow
 def test_all_published_scores_of_version_1():
-    for (name, controller), total in PUBLISHED.items():  # without AVX-512 numpy rounds otherwise: up to 4e-12
-        assert flexgen.score(name, controller, version=1, progress=False).total == pytest.approx(total, abs=1e-11)
+    # without AVX-512 numpy rounds otherwise: up to 4e-12
+    for (name, controller), total in PUBLISHED.items():
+        assert flexgen.score(name, controller, version=1, progress=False).total == pytest.approx(
+            total, abs=1e-11
+        )
     assert not flexgen.score("four_mass", "lqg", version=1, progress=False).accepted
 
 
@@ -114,13 +128,17 @@ def test_measures_of_a_known_signal():
     s = scenario("four_mass", 1)
     n = round(s.duration_s / s.sample_s)
     t = s.sample_s * np.arange(n)
-    z = np.where((t >= 1) & (t < 5), np.exp(-(t - 1) / 0.5), 0.0)[:, None]  # 1 mm, then 0.1 mm after 0.5 ln 10 s
+    # 1 mm, then 0.1 mm after 0.5 ln 10 s
+    z = np.where((t >= 1) & (t < 5), np.exp(-(t - 1) / 0.5), 0.0)[:, None]
     z[(t >= 9) & (t < 17), 0] = 2 * np.sin(2 * np.pi * t[(t >= 9) & (t < 17)])
     u = 3 * np.ones((n, 1))
     u[t >= 34, 0] += np.sin(40 * t[t >= 34])
-    values = dict(zip([m.name for m in measures_of(s)], compute_measures(s, s.windows, z, u), strict=True))
+    values = dict(
+        zip([m.name for m in measures_of(s)], compute_measures(s, s.windows, z, u), strict=True)
+    )
     assert values["motor step, peak to peak"] == pytest.approx(1.0, abs=1e-3)
-    assert values["motor step, settling time"] == pytest.approx(0.5 * np.log(10), abs=5e-3)  # it settles to 3e-4 mm
+    # it settles to 3e-4 mm
+    assert values["motor step, settling time"] == pytest.approx(0.5 * np.log(10), abs=5e-3)
     assert values["motor chirp, RMS"] == pytest.approx(np.sqrt(2), rel=1e-3)
     assert values["noise, torque, peak to peak"] == pytest.approx(2.0, rel=1e-3)
     assert values["whole run, largest torque"] == pytest.approx(4.0, rel=1e-3)
@@ -136,7 +154,8 @@ def test_sets_are_the_rows_of_a_hadamard_matrix():
     column = [p.name for p in s.plants.parameters].index("e2.stiffness")
     assert sorted(np.round(ratios[:, column], 12)) == [0.9] * 4 + [1.1] * 4
     signs = np.sign(ratios - 1)
-    assert np.allclose(signs.T @ signs / 8, np.round(signs.T @ signs / 8))  # columns are equal or orthogonal
+    # columns are equal or orthogonal
+    assert np.allclose(signs.T @ signs / 8, np.round(signs.T @ signs / 8))
 
 
 def test_a_changed_file_is_refused(tmp_path, monkeypatch):
@@ -145,7 +164,9 @@ def test_a_changed_file_is_refused(tmp_path, monkeypatch):
     other = scenario(tmp_path / "four_mass-2.toml")
     assert not other.frozen and "not a published version" in other.title_line
     monkeypatch.setattr(scenarios, "FOLDER", tmp_path)
-    with pytest.raises(ArgumentError, match="the benchmark's file or its model was changed; scores with it"):
+    with pytest.raises(
+        ArgumentError, match="the benchmark's file or its model was changed; scores with it"
+    ):
         scenario("four_mass")
     assert set(FROZEN) == {(name, version) for name in NAMES for version in (1, 2)}
 
@@ -169,7 +190,11 @@ def test_a_refused_controller_has_no_score():
             'where = "m7"\nsize = 4.0',
             'where: given "m7", expected one of m1',
         ),
-        ("length_s = 0.02", "length_s = 90.0", "start_s: given .* expected one that ends within 36 s"),
+        (
+            "length_s = 0.02",
+            "length_s = 90.0",
+            "start_s: given .* expected one that ends within 36 s",
+        ),
         ("start_s = 9.0", "start_s = 5.01", "expected one that does not overlap motor pulse on m1"),
         ("window_s = [34.0, 36.0]", "window_s = [34.0, 37.0]", "two increasing times within 36 s"),
         ("weights = { peak = 1.0", "weights = { peek = 1.0", "given an unknown key, expected peak"),
@@ -202,7 +227,10 @@ def test_wrong_scenarios_are_refused(tmp_path, before, after, words):
         ),
         ('type = "ppi"\nspeed_hz = "fast"', '2:speed_hz: given "fast"'),
         ('type = "ppi"\nspeed = 3', "2:speed: given an unknown key, expected speed_hz"),
-        ('type = "ppi"\n[[notch]]\nzero_damping = 1', "frequency_hz: given nothing, expected a number > 0"),
+        (
+            'type = "ppi"\n[[notch]]\nzero_damping = 1',
+            "frequency_hz: given nothing, expected a number > 0",
+        ),
         ('type = "linear"\nA = [[1]]\nB = [[1]]\nC = [[1]]', "D: given nothing, expected a matrix"),
         (
             'type = "linear"\nA = [[1, 2]]\nB = [[1]]\nC = [[1]]\nD = [[1]]',
@@ -218,9 +246,16 @@ def test_wrong_controller_files_are_refused(tmp_path, text, words):
 
 
 def test_numbers_of_a_cascade_survive_writing_and_reading(tmp_path):
-    law = Cascade(np.array([3.0, 0.0]), np.array([2.0, 1.0]), np.zeros(2), (LowPass(50.0, 0.7), Notch(20.0, 0.1, 0.5)))
+    law = Cascade(
+        np.array([3.0, 0.0]),
+        np.array([2.0, 1.0]),
+        np.zeros(2),
+        (LowPass(50.0, 0.7), Notch(20.0, 0.1, 0.5)),
+    )
     other = with_numbers(law, numbers_of(law))
-    assert np.allclose(other.position_gain, law.position_gain) and other.filters[1].frequency_hz == pytest.approx(20.0)
+    assert np.allclose(other.position_gain, law.position_gain) and other.filters[
+        1
+    ].frequency_hz == pytest.approx(20.0)
     path = Path(tmp_path / "law.toml")
     path.write_text(cascade_table(law, 'a "name"'))
     from flexgen.loop.controller_files import file_controller
@@ -247,14 +282,25 @@ def test_tuning_improves_and_writes_what_it_found(tmp_path):
 @pytest.mark.slow
 def test_a_page_of_a_score(tmp_path):
     page = flexgen.score("four_mass", "ppi", progress=False).report(tmp_path / "page").read_text()
-    assert "V = 0.7" in page and "Published:" in page and "Rule: A score is the mean over the draws." in page
-    assert "worst draw 0." in page and "over 8 draws" in page and (tmp_path / "page" / "score.png").exists()
+    assert (
+        "V = 0.7" in page
+        and "Published:" in page
+        and "Rule: A score is the mean over the draws." in page
+    )
+    assert (
+        "worst draw 0." in page
+        and "over 8 draws" in page
+        and (tmp_path / "page" / "score.png").exists()
+    )
 
 
 @pytest.mark.parametrize("told", [None, []])
 def test_starts_in_parallel_come_in_their_order_and_tell_the_best(told):
     values = [3.0, 1.5, 2.0]
-    jobs = [SimpleNamespace(number=k, search=lambda tell, k=k: (f"found {k}", values[k])) for k in range(3)]
+    jobs = [
+        SimpleNamespace(number=k, search=lambda tell, k=k: (f"found {k}", values[k]))
+        for k in range(3)
+    ]
     with ThreadPoolExecutor(1) as executor:
         found = _in_parallel(jobs, 1, executor, None if told is None else told.append)
     assert found == [(f"found {k}", value) for k, value in enumerate(values)]
@@ -266,6 +312,8 @@ def test_starts_are_tuned_by_any_executor():
     """The same result as one after the other, from threads; the second start is another one."""
     alone = flexgen.tune("four_mass", version=1, evaluations=6, starts=2, progress=False)
     with ThreadPoolExecutor(2) as executor:
-        shared = flexgen.tune("four_mass", version=1, evaluations=6, starts=2, executor=executor, progress=False)
+        shared = flexgen.tune(
+            "four_mass", version=1, evaluations=6, starts=2, executor=executor, progress=False
+        )
     assert shared.score.total == alone.score.total and shared.evaluations == alone.evaluations
     assert np.array_equal(numbers_of(shared.controller), numbers_of(alone.controller))

@@ -60,7 +60,9 @@ FAULTS = {
 
 
 def explained(data, model=ROBOT):
-    return flexgen.identify(model, replace(data, delay_s=0.0), free=["stiffness", "damping"], starts=1, progress=False)
+    return flexgen.identify(
+        model, replace(data, delay_s=0.0), free=["stiffness", "damping"], starts=1, progress=False
+    )
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -86,7 +88,10 @@ def test_the_size_is_that_of_a_fit_not_of_one_step(monkeypatch):
 def test_a_missing_spring_is_named_with_its_stiffness():
     """Also where a body is attached without any coordinate: about the axis of the spring that is not there."""
     found = explained(measured(), without(ROBOT, "q3"))
-    assert found.causes[0].words.startswith("a missing spring arm3_z of 1.3e+05 N m/rad") and len(found.causes) == 1
+    assert (
+        found.causes[0].words.startswith("a missing spring arm3_z of 1.3e+05 N m/rad")
+        and len(found.causes) == 1
+    )
 
 
 def test_a_body_that_slides_may_turn_about_all_axes():
@@ -105,10 +110,18 @@ def test_a_body_on_springs_without_motor_may_turn_about_the_other_axes():
     upper, fore = elbow.elements
     joint = upper.dofs[0]
     spring = replace(joint, name="roll", axis=(1.0, 0.0, 0.0), gear=None, spring=joint.gear.spring)
-    base = replace(upper, name="platform", dofs=(replace(spring, name="heave", type="translation"), spring))
-    found = dict((dof.name, model) for dof, model in additions(replace(elbow, elements=(base, fore))))
+    base = replace(
+        upper, name="platform", dofs=(replace(spring, name="heave", type="translation"), spring)
+    )
+    found = dict(
+        (dof.name, model) for dof, model in additions(replace(elbow, elements=(base, fore)))
+    )
     assert list(found)[:2] == ["platform_y", "platform_z"]
-    assert [dof.name for dof in found["platform_y"].elements[0].dofs] == ["heave", "roll", "platform_y"]
+    assert [dof.name for dof in found["platform_y"].elements[0].dofs] == [
+        "heave",
+        "roll",
+        "platform_y",
+    ]
 
 
 def test_a_score_is_the_decrease_of_least_squares():
@@ -117,7 +130,9 @@ def test_a_score_is_the_decrease_of_least_squares():
     r, J, j = rng.standard_normal(40), rng.standard_normal((40, 3)), rng.standard_normal(40)
     basis, more = np.linalg.qr(J)[0], np.column_stack([J, j])
     left = [r - A @ np.linalg.lstsq(A, r, rcond=None)[0] for A in (J, more)]
-    assert causes.score(basis, r - basis @ (basis.T @ r), j) == pytest.approx(left[0] @ left[0] - left[1] @ left[1])
+    assert causes.score(basis, r - basis @ (basis.T @ r), j) == pytest.approx(
+        left[0] @ left[0] - left[1] @ left[1]
+    )
     assert causes.score(basis, r, J[:, 0]) == 0.0
 
 
@@ -142,7 +157,8 @@ def test_the_rest_of_a_soft_arm_does_not_depend_on_the_searches_before():
     with pytest.raises(SolverError, match="equilibrium at pose 3"):
         residuals.rest(x)
     assert list(causes._columns_of_numbers(residuals, residuals.vector.start))
-    assert not list(causes._columns_of_numbers(residuals, x))  # no cause is named there, and the fit is returned
+    # no cause is named there, and the fit is returned
+    assert not list(causes._columns_of_numbers(residuals, x))
 
 
 def test_a_model_that_fits_has_no_cause():

@@ -47,19 +47,28 @@ PERIOD = 2e-3  # s: of a controller
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "move"), PAIRS, ids=[f"{name}@{getattr(m, 'name', m)}" for name, m in PAIRS])
-def test_the_claimed_error_holds_to_half_a_second_after_the_end(name: str, move: str | Move) -> None:
+@pytest.mark.parametrize(
+    ("name", "move"), PAIRS, ids=[f"{name}@{getattr(m, 'name', m)}" for name, m in PAIRS]
+)
+def test_the_claimed_error_holds_to_half_a_second_after_the_end(
+    name: str, move: str | Move
+) -> None:
     solution = flexgen.solve(name, move)
     assert solution.status == flexgen.Status.SOLVED and solution.warnings == ()
     claimed, found = claimed_error(solution), simulated_error(solution)
     assert false_claims(solution) == []
-    assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (found, claimed)
+    assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (
+        found,
+        claimed,
+    )
     assert np.abs(solution.trajectory["v_a"][-1]).max() < 1e-4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hold", ["zoh", "linear"])
-@pytest.mark.parametrize(("name", "move"), PAIRS, ids=[f"{name}@{getattr(m, 'name', m)}" for name, m in PAIRS])
+@pytest.mark.parametrize(
+    ("name", "move"), PAIRS, ids=[f"{name}@{getattr(m, 'name', m)}" for name, m in PAIRS]
+)
 def test_the_claimed_error_holds_under_held_torques(name: str, move: str | Move, hold: str) -> None:
     """The verification of what a controller sends, with a delay of 0.3 samples."""
     equations = flexgen.derive(name)
@@ -70,4 +79,7 @@ def test_the_claimed_error_holds_under_held_torques(name: str, move: str | Move,
     simulated = simulate(equations, solution.trajectory, held=HELD, command=command)
     claimed = max(simulated.tool_error_max_m or 0.0, simulated.tool_error_max_rad or 0.0)
     found = confirmed_error(solution, command, HELD)
-    assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (found, claimed)
+    assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (
+        found,
+        claimed,
+    )

@@ -44,10 +44,17 @@ def slow_elbow(duration: float) -> flexgen.Solution:
 def test_the_error_of_a_falling_robot_is_that_under_the_named_feedback(duration: float) -> None:
     solution = slow_elbow(duration)
     run = solution.simulation
-    assert run is not None and run.growth is not None and run.growth > UNSTABLE and run.feedback is not None
+    assert (
+        run is not None
+        and run.growth is not None
+        and run.growth > UNSTABLE
+        and run.feedback is not None
+    )
     assert solution.status == flexgen.Status.SOLVED and claimed_error(solution) < 1e-8
     assert false_claims(solution) == []
-    assert run.feedback.title in str(solution) and f"perturbations grow by {run.growth:.2g}" in str(solution)
+    assert run.feedback.title in str(solution) and f"perturbations grow by {run.growth:.2g}" in str(
+        solution
+    )
     # without feedback the robot is elsewhere, by an error that rounding decides: it is not stated
     alone = largest(WholeMove(solution.model).errors(solution.trajectory)[0])
     assert alone > 100 * claimed_error(solution) and run.open_loop is None
@@ -55,16 +62,25 @@ def test_the_error_of_a_falling_robot_is_that_under_the_named_feedback(duration:
 
 
 @pytest.mark.slow
-def test_windows_that_restart_in_states_of_the_motion_are_refuted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_that_restart_in_states_of_the_motion_are_refuted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Planted: the simulation begins anew in the states of the motion every 20 ms, and its error is stated."""
     equations, whole = derive(ROBOTS / "upright.toml"), simulate_module.run
     t = flexgen.solve(equations, verify=False).trajectory
     known = np.hstack([t["q_a"], t["q_m"], t["v_a"], t["v_m"]])
 
-    def in_windows(equations: Equations, instants: np.ndarray, given: Any, start: np.ndarray, *options: Any) -> Run:
-        states, ends = np.empty((len(instants), len(start) + 2)), [*range(0, len(t.time) - 1, 20), len(instants) - 1]
+    def in_windows(
+        equations: Equations, instants: np.ndarray, given: Any, start: np.ndarray, *options: Any
+    ) -> Run:
+        states, ends = (
+            np.empty((len(instants), len(start) + 2)),
+            [*range(0, len(t.time) - 1, 20), len(instants) - 1],
+        )
         for first, last in pairwise(ends):
-            found = whole(equations, instants[first : last + 1], given, known[first], (), *options[1:])
+            found = whole(
+                equations, instants[first : last + 1], given, known[first], (), *options[1:]
+            )
             found.states[:, -2:] += states[first, -2:] if first else 0.0  # work and loss
             states[first : last + 1] = found.states
         return replace(found, states=states)
@@ -104,14 +120,20 @@ def test_the_default_feedback_has_the_gains_of_control() -> None:
             assert getattr(found, key) == pytest.approx(getattr(drive, key), rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["elbow", pytest.param(str(ROBOTS / "upright.toml"), marks=pytest.mark.slow)])
-def test_a_saved_file_gives_the_stated_error(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "name", ["elbow", pytest.param(str(ROBOTS / "upright.toml"), marks=pytest.mark.slow)]
+)
+def test_a_saved_file_gives_the_stated_error(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """`flexgen simulate` of the file that `flexgen solve` wrote: the same figures, growth and feedback."""
     file, told = str(tmp_path / "motion.npz"), []
     for words in (["solve", name, "--out", file], ["simulate", name, file]):
         assert main([*words, "--json"]) == 0
         told.append(json.loads(capsys.readouterr().out))
-    keys = [key for key in told[0] if key in told[1] and ("error" in key or key in ("growth", "held_s"))]
+    keys = [
+        key for key in told[0] if key in told[1] and ("error" in key or key in ("growth", "held_s"))
+    ]
     assert {"tool_error_max_m", "later_error_max_m", "growth", "open_loop_error_max_m"} <= set(keys)
     for key in keys:
         a, b = (x[key] for x in told)
@@ -124,7 +146,10 @@ def test_a_saved_file_gives_the_stated_error(name: str, tmp_path: Path, capsys: 
     ("name", "move"),
     [
         ("elbow", "line"),
-        *(pytest.param(*pair, marks=pytest.mark.slow) for pair in (("planar5_soft", "line"), ("four_mass", "step"))),
+        *(
+            pytest.param(*pair, marks=pytest.mark.slow)
+            for pair in (("planar5_soft", "line"), ("four_mass", "step"))
+        ),
     ],
 )
 def test_the_error_two_seconds_after_the_end_is_the_simulated_one(name: str, move: str) -> None:
@@ -141,15 +166,22 @@ def test_the_error_two_seconds_after_the_end_is_the_simulated_one(name: str, mov
 def test_a_feedback_hides_no_wrong_torque(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Corners of a program leave short residuals that do nothing; planted: torques that are 0.1 % too large."""
     steps = "".join(
-        f'[[program.step]]\ntype = "MoveJ"\nend_deg = {end}\npause = 0.1\n' for end in ([92.0, -5.0], [105.0, -30.0])
+        f'[[program.step]]\ntype = "MoveJ"\nend_deg = {end}\npause = 0.1\n'
+        for end in ([92.0, -5.0], [105.0, -30.0])
     )
     profile = "joint_profile_rad = [6.0, 120.0, 8000.0, 1e6]\n"
-    file, solve_module = tmp_path / "upright.toml", importlib.import_module("flexgen.inversion.solve")
+    file, solve_module = (
+        tmp_path / "upright.toml",
+        importlib.import_module("flexgen.inversion.solve"),
+    )
     program = f'[[program]]\nname = "steps"\nstart_deg = [80.0, 20.0]\n{profile}{steps}'
     file.write_text((ROBOTS / "upright.toml").read_text() + program)
     equations, right = derive(file), solve_module.run_method
     solution = flexgen.solve(equations, "steps", "lq")
-    assert solution.status == flexgen.Status.SOLVED and solution.residual_relative > solve_module.RESIDUAL
+    assert (
+        solution.status == flexgen.Status.SOLVED
+        and solution.residual_relative > solve_module.RESIDUAL
+    )
     assert false_claims(solution) == []
 
     def too_large(*given: Any) -> Any:

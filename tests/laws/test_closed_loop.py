@@ -30,7 +30,9 @@ def test_a_linear_robot_follows_the_exact_discrete_loop(delay):
     """x(k+1) by the matrix exponential, the drive written again; delays are whole steps of the integrator."""
     model = flexgen.read("four_mass@high")
     steps = 32
-    loop, at_rest, local, _ = loop_of(model, DriveHardware(T, delay_s=delay * T / steps), steps=steps)
+    loop, at_rest, local, _ = loop_of(
+        model, DriveHardware(T, delay_s=delay * T / steps), steps=steps
+    )
     samples = 400
     reference = moving(at_rest, 1, samples)
     found = loop.run(reference, samples)
@@ -48,7 +50,9 @@ def test_a_linear_robot_follows_the_exact_discrete_loop(delay):
     x, u, q_old, ref_old = np.zeros(2 * n), 0.0, 0.0, 0.0
     for k in range(samples):
         q, ref = x[model.n_a], reference[k, 0, 0]
-        new = c.speed_gain[0] * ((ref - ref_old) / T + c.position_gain[0] * (ref - q) - (q - q_old) / T)
+        new = c.speed_gain[0] * (
+            (ref - ref_old) / T + c.position_gain[0] * (ref - q) - (q - q_old) / T
+        )
         assert found.q_m[k, 0, 0] == pytest.approx(q, abs=1e-10)
         assert found.tau_m[k, 0, 0] == pytest.approx(new, abs=1e-8)
         x = before[0] @ x + before[1] * u
@@ -62,7 +66,9 @@ def test_a_delay_just_below_a_sample_is_one_of_a_sample(late):
     model, samples, found = flexgen.read("four_mass@high"), 200, []
     for delay, whole in ((0.9999 * T, late), (0.0, late + 1)):
         steps = None if delay else 64
-        loop, at_rest, _, _ = loop_of(model, DriveHardware(T, delay_s=delay), steps=steps, delay_samples=whole)
+        loop, at_rest, _, _ = loop_of(
+            model, DriveHardware(T, delay_s=delay), steps=steps, delay_samples=whole
+        )
         found.append(loop.run(moving(at_rest, 1, samples), samples).q_m)
     assert np.ptp(found[1]) > 1e-3 and np.abs(found[0] - found[1]).max() < 1e-3 * np.ptp(found[1])
 
@@ -104,7 +110,9 @@ def test_noise_has_its_size_and_its_seed():
     noisy = DriveHardware(T, encoder_noise_rad=1e-4)
     runs = []
     for seed in (1, 1, 2):
-        loop, at_rest, _, _rest = loop_of(model, noisy, lanes=4, seed=seed, controller=Cascade(*np.zeros((3, 2))))
+        loop, at_rest, _, _rest = loop_of(
+            model, noisy, lanes=4, seed=seed, controller=Cascade(*np.zeros((3, 2)))
+        )
         runs.append(loop.run(at_rest[None], 2000).q_m - at_rest[:, :2])
     assert np.array_equal(runs[0], runs[1]) and not np.array_equal(runs[0], runs[2])
     assert runs[0].std() == pytest.approx(1e-4, rel=0.02)  # 16,000 samples: 0.6 %
@@ -116,7 +124,9 @@ def test_noise_has_its_size_and_its_seed():
 
 def test_torque_noise_and_quantisation():
     model = flexgen.read("planar5_nmp")
-    loop, at_rest, _, _ = loop_of(model, DriveHardware(T, torque_noise_Nm=0.5, encoder_resolution_rad=1e-3))
+    loop, at_rest, _, _ = loop_of(
+        model, DriveHardware(T, torque_noise_Nm=0.5, encoder_resolution_rad=1e-3)
+    )
     found = loop.run(at_rest[None], 500)
     assert np.ptp(found.q_m) > 0
     assert np.allclose(found.q_m / 1e-3, np.round(found.q_m / 1e-3), atol=1e-6)
@@ -157,7 +167,9 @@ def test_an_unstable_loop_is_an_error_and_not_a_result():
     gains = default_cascade(model)
     wild = replace(gains, speed_gain=1e3 * gains.speed_gain)
     loop, at_rest, _, _ = loop_of(model, DriveHardware(T), controller=wild)
-    with pytest.raises(SolverError, match=r"robot 1 of 1: (not finite|controller failed) .*lower the gains"):
+    with pytest.raises(
+        SolverError, match=r"robot 1 of 1: (not finite|controller failed) .*lower the gains"
+    ):
         for _ in range(20):
             loop.run(moving(at_rest, 2, 1000, 0.3), 1000)
 
@@ -180,7 +192,9 @@ def test_wrong_hardware_is_refused(arguments, words):
 def test_wrong_arrays_are_refused():
     model = flexgen.read("planar5_nmp")
     loop, _at_rest, _, _ = loop_of(model, DriveHardware(T))
-    with pytest.raises(ArgumentError, match=r"reference: given shape \(1, 2, 4\), expected finite numbers"):
+    with pytest.raises(
+        ArgumentError, match=r"reference: given shape \(1, 2, 4\), expected finite numbers"
+    ):
         loop.run(np.zeros((1, 2, 4)), 5)
     with pytest.raises(ArgumentError, match="expected finite numbers"):
         loop.run(np.full((1, 1, 4), np.nan), 5)
@@ -188,7 +202,8 @@ def test_wrong_arrays_are_refused():
         loop_of(model, DriveHardware(T, torque_max_Nm=(1.0,)))
     for count in (1, 3):
         with pytest.raises(
-            ArgumentError, match=rf"given sizes {{'torque_speed': {count}}}, expected one for each of 2"
+            ArgumentError,
+            match=rf"given sizes {{'torque_speed': {count}}}, expected one for each of 2",
         ):
             loop_of(model, DriveHardware(T, torque_speed=(((0.0, 1.0), (9.0, 0.5)),) * count))
     with pytest.raises(ArgumentError, match="use a smaller sample time"):
@@ -217,11 +232,21 @@ def test_a_delay_of_whole_samples_is_as_many_states_more(delay):
     A, B, model, _ = linear_robot()
     rng = np.random.default_rng(delay)
     law = Linear(
-        0.3 * rng.standard_normal((2, 2)), rng.standard_normal((2, 1)), *(rng.standard_normal((1, k)) for k in (2, 1))
+        0.3 * rng.standard_normal((2, 2)),
+        rng.standard_normal((2, 1)),
+        *(rng.standard_normal((1, k)) for k in (2, 1)),
     )
     library = library_with(model, ("forward_dynamics",))
     loop = ClosedLoop(
-        model, library, DriveHardware(T), law, np.zeros((1, 3)), np.zeros((1, 1)), 300.0, steps=16, delay_samples=delay
+        model,
+        library,
+        DriveHardware(T),
+        law,
+        np.zeros((1, 3)),
+        np.zeros((1, 1)),
+        300.0,
+        steps=16,
+        delay_samples=delay,
     )
     loop.hold(np.zeros((1, 1)))
     samples = 300
@@ -266,7 +291,11 @@ def test_each_robot_has_its_own_parameters():
     together = run([0, 1, 2])
     for lane in range(3):
         assert np.array_equal(run([lane])[:, 0], together[:, lane])
-    assert np.abs(together[:, 0] - together[:, 1]).max() > 1e-6 < np.abs(together[:, 0] - together[:, 2]).max()
+    assert (
+        np.abs(together[:, 0] - together[:, 1]).max()
+        > 1e-6
+        < np.abs(together[:, 0] - together[:, 2]).max()
+    )
 
 
 @pytest.mark.slow
@@ -279,10 +308,17 @@ def test_gains_of_each_robot_go_with_filters():
     q_a, q_m = np.tile(model.home, (3, 1)), np.tile(model.eta @ np.array(model.home), (3, 1))
 
     def run(lanes: list[int]) -> np.ndarray:
-        own = {f"{word}_gain": factors[lanes] * getattr(usual, f"{word}_gain") for word in ("speed", "integral")}
+        own = {
+            f"{word}_gain": factors[lanes] * getattr(usual, f"{word}_gain")
+            for word in ("speed", "integral")
+        }
         own["position_gain"] = np.tile(usual.position_gain, (len(lanes), 1))
-        loop = ClosedLoop(model, library, DriveHardware(T), replace(usual, **own), q_a[lanes], q_m[lanes], 700.0)
-        reference = np.tile(np.concatenate([q_m[:1] + 0.1, np.ones((1, 2))], axis=1), (50, len(lanes), 1))
+        loop = ClosedLoop(
+            model, library, DriveHardware(T), replace(usual, **own), q_a[lanes], q_m[lanes], 700.0
+        )
+        reference = np.tile(
+            np.concatenate([q_m[:1] + 0.1, np.ones((1, 2))], axis=1), (50, len(lanes), 1)
+        )
         return loop.run(reference, 50).q_m
 
     together = run([0, 1, 2])
@@ -297,11 +333,21 @@ def test_a_payload_that_moves_nothing_changes_nothing():
     """That of four_mass is on its axis: the function in C has no parameters, and wrote accelerations over them."""
     model = flexgen.read("four_mass")
     loop, at_rest, _, _ = loop_of(model, DriveHardware(T), lanes=2)
-    library = library_with(model, ("forward_dynamics",), parameters=("payload.mass",), per_point=True)
+    library = library_with(
+        model, ("forward_dynamics",), parameters=("payload.mass",), per_point=True
+    )
     start = loop.state[0], loop.state[2], 1.0
     masses = np.array([[0.0], [1.0]])
     hardware = DriveHardware(T)
-    loaded = ClosedLoop(model, library, hardware, default_cascade(model), *start, steps=loop.steps, parameters=masses)
+    loaded = ClosedLoop(
+        model,
+        library,
+        hardware,
+        default_cascade(model),
+        *start,
+        steps=loop.steps,
+        parameters=masses,
+    )
     loaded.hold(at_rest[:, model.n_m :])
     reference = moving(at_rest, model.n_m, 50)
     assert np.array_equal(loaded.run(reference, 50).q_m, loop.run(reference, 50).q_m)
@@ -311,8 +357,21 @@ def test_disturbances_act_where_and_when_they_should():
     """A torque on the motor and a force on the tool of a linear robot against the matrix exponential, step by step."""
     A, B, model, _ = linear_robot()
     library = library_with(model, ("forward_dynamics", "forward_dynamics_tool_force"))
-    law, steps, samples = Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0), (1, 1)))), 8, 100
-    loop = ClosedLoop(model, library, DriveHardware(T), law, np.zeros((1, 3)), np.zeros((1, 1)), 300.0, steps=steps)
+    law, steps, samples = (
+        Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0), (1, 1)))),
+        8,
+        100,
+    )
+    loop = ClosedLoop(
+        model,
+        library,
+        DriveHardware(T),
+        law,
+        np.zeros((1, 3)),
+        np.zeros((1, 1)),
+        300.0,
+        steps=steps,
+    )
     rng = np.random.default_rng(1)
     table = np.zeros((samples * steps, 7, 1))
     table[:400, 0] = rng.standard_normal((400, 1))
@@ -337,7 +396,9 @@ def test_disturbances_act_where_and_when_they_should():
 def test_sensors_show_the_motion_with_bias_resolution_and_delay():
     model = flexgen.read(
         "planar5_nmp",
-        overrides={"sensor": [{"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}]},
+        overrides={
+            "sensor": [{"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}]
+        },
     )
     library = library_with(model, ("forward_dynamics", "sensors"))
     q_m = (model.eta @ np.array(model.home))[None]
@@ -390,10 +451,15 @@ def test_the_energy_balance_of_a_run_closes():
         reference[:, 0, :2] += 0.2 * (1 - np.cos(2 * np.pi * 4 * t))[:, None]
         found = loop.run(reference, len(t), motion=True)
         assert found.motion is not None
-        q_a, v_a, q, v, _ = np.split(found.motion[:, :, 0], np.cumsum([model.n_a, model.n_a, 2, 2]), axis=1)
-        kinetic, potential = (x.ravel() for x in evaluate(equations.function("energy"), q_a, v_a, q, v))
+        q_a, v_a, q, v, _ = np.split(
+            found.motion[:, :, 0], np.cumsum([model.n_a, model.n_a, 2, 2]), axis=1
+        )
+        kinetic, potential = (
+            x.ravel() for x in evaluate(equations.function("energy"), q_a, v_a, q, v)
+        )
         loss = evaluate(equations.function("power"), q_a, v_a, q, v, found.tau_m[:, 0])[1].ravel()
-        work = (found.tau_m[:-1, 0] * np.diff(q, axis=0)).sum()  # the torque is constant between samples
+        # the torque is constant between samples
+        work = (found.tau_m[:-1, 0] * np.diff(q, axis=0)).sum()
         lost = h * (loss[1:] + loss[:-1]).sum() / 2
         energy = kinetic + potential
         misses.append(abs(work - lost - (energy[-1] - energy[0])) / np.ptp(energy))

@@ -87,7 +87,9 @@ def test_delays_are_in_the_feedforward(delay):
 
 def test_other_robots_rest_where_their_springs_hold_them(case):
     """The static error before the motion is the sag of softer springs: linear springs deflect by 1/0.8 as much."""
-    found = flexgen.control(MODEL, plants={"soft": {"stiffness": 0.8}}, solution=case.solution, progress=False)
+    found = flexgen.control(
+        MODEL, plants={"soft": {"stiffness": 0.8}}, solution=case.solution, progress=False
+    )
     soft = found["soft"]
     q_m = found.reference.motion["q_m"][0]
     i_g = list(found.model.i_g)
@@ -109,19 +111,27 @@ def test_other_robots_rest_where_their_springs_hold_them(case):
 )
 def test_load_at_the_tool_sags_as_statics_say_with_and_without_payload_in_the_file(given):
     """Half a kilogram more, motors held: the tool sags by the compliance of the linear model, to first order."""
-    found = flexgen.control(flexgen.read(MODEL, overrides=given), plants={"loaded": {"payload": 0.5}}, progress=False)
+    found = flexgen.control(
+        flexgen.read(MODEL, overrides=given), plants={"loaded": {"payload": 0.5}}, progress=False
+    )
     model = found.model
-    assert "loaded: " in str(found) and "load +0.5 kg at the tool, [0.45, 0, 0] m in the frame of" in str(found)
+    assert "loaded: " in str(
+        found
+    ) and "load +0.5 kg at the tool, [0.45, 0, 0] m in the frame of" in str(found)
     pose, n = PoseModels(model).at(found.reference.points(np.array([0]))), model.dof
     motors, none = pose.C[:, :n], np.zeros((model.n_m, model.n_m))
     load = -pose.push[n:] @ (0.5 * np.array(model.gravity))
     moved = np.linalg.solve(
-        np.block([[pose.A[n:, :n], pose.B[n:]], [motors, none]]), np.concatenate([load, np.zeros(model.n_m)])
+        np.block([[pose.A[n:, :n], pose.B[n:]], [motors, none]]),
+        np.concatenate([load, np.zeros(model.n_m)]),
     )
     assert np.allclose(found["loaded"].error[0], pose.W[:, :n] @ moved[:n], rtol=0.005)
     if not given:
         check_numbers(
-            "control", found=found.to_dict(), errors=[run.error for run in found.runs], margins=found.margins()
+            "control",
+            found=found.to_dict(),
+            errors=[run.error for run in found.runs],
+            margins=found.margins(),
         )
 
 
@@ -133,7 +143,9 @@ def test_disturbances_push_and_an_integral_part_takes_constant_ones_away(case):
         controller=flexgen.PPI(5.0, 30.0, 5.0),
     )  # fmt: skip
     assert found.tool_error_max_m < 5e-8  # the model itself has none
-    check_numbers("disturbed", found=found.to_dict(), error=found["same"].error, tau=found["same"].tau_m)
+    check_numbers(
+        "disturbed", found=found.to_dict(), error=found["same"].error, tau=found["same"].tau_m
+    )
     error = found.distance(found["same"])
     at = np.searchsorted(found.reference.time, 0.12)
     assert error[at] > 1e-4 and error[-1] < 0.1 * error.max()
@@ -164,7 +176,11 @@ def test_margins_are_where_the_simulated_loop_becomes_unstable(case):
         )  # fmt: skip
         run.hold(np.zeros((1, 1)))
         q = run.run(np.zeros((1, 1, 2)), 8000, check=False).q_m[:, 0, 0]
-        return float("inf") if run.failures[0] else float(np.abs(q[-2000:]).max() / np.abs(q[:2000]).max())
+        return (
+            float("inf")
+            if run.failures[0]
+            else float(np.abs(q[-2000:]).max() / np.abs(q[:2000]).max())
+        )
 
     assert swing(0.9 * margins.gain, 0.0) < 1 < swing(1.1 * margins.gain, 0.0)
     below, above = np.floor(margins.delay_s / 5e-4) * 5e-4, np.ceil(margins.delay_s / 5e-4) * 5e-4
@@ -173,7 +189,9 @@ def test_margins_are_where_the_simulated_loop_becomes_unstable(case):
 
 def test_lqg_is_the_regulator_and_the_filter_of_the_sampled_model(case):
     """Poles of the loop with the model: those of the regulator and those of the filter."""
-    law = flexgen.LQG(10.0).linear(case.model, 5e-4, 5e-4, case.reference.points(np.array([0, 800])), 800)
+    law = flexgen.LQG(10.0).linear(
+        case.model, 5e-4, 5e-4, case.reference.points(np.array([0, 800])), 800
+    )
     pose = PoseModels(case.model).at(case.reference.points(np.array([0])))
     A, B, C, D = (x[0] for x in law.matrices)
     loop = LoopAtPose(pose, type(law)(A, B, C, D), 5e-4, 5e-4)
@@ -191,7 +209,10 @@ def test_a_linear_controller_ignores_the_exact_state_that_is_measured_too(case):
         for name, one, other in zip("ABCD", given.matrices, found.matrices, strict=True):
             wider = states if exact and name in "BD" else 0
             assert other.shape == (*one.shape[:2], one.shape[2] + wider)
-            assert np.array_equal(other[..., : one.shape[2]], one) and not other[..., one.shape[2] :].any()
+            assert (
+                np.array_equal(other[..., : one.shape[2]], one)
+                and not other[..., one.shape[2] :].any()
+            )
         assert found.matrices[1].shape[2] == n_y + (states if exact else 0)
     cascade = law_of(case)
     assert case_controller(replace(case, exact_state=True), cascade)[0] is cascade
@@ -230,12 +251,18 @@ def test_the_lowest_locked_frequency_of_two_masses():
         ({"plants": {"x": {"payload": -9.0}}}, "plant x, payload: given -9.0 kg"),
         ({"plants": {"x": {"wrong": 1.0}}}, "given 'wrong', expected some of"),
         ({"plants": {"x": {"stiffness": "1"}}}, "given '1', expected a number"),
-        ({"controller": "pid2"}, "given 'pid2', expected one of ppi, ppi_notch, none, lqg, .*, a file"),
+        (
+            {"controller": "pid2"},
+            "given 'pid2', expected one of ppi, ppi_notch, none, lqg, .*, a file",
+        ),
         ({"controller": "no.toml"}, "no.toml., which cannot be read .*expected a readable file"),
         ({"controller": "no.py"}, "expected a file no.py that is there"),
         ({"controller": object()}, "object without reset"),
         ({"disturbances": {"x": []}}, "disturbances: given plant 'x', expected one of nominal"),
-        ({"disturbances": [flexgen.Disturbance("step", "m9", 1.0)]}, "given the place 'm9', expected one of m1, m2"),
+        (
+            {"disturbances": [flexgen.Disturbance("step", "m9", 1.0)]},
+            "given the place 'm9', expected one of m1, m2",
+        ),
     ],
 )
 def test_wrong_arguments_are_refused(case, arguments, words):
@@ -263,8 +290,14 @@ def test_disturbances_have_their_shapes():
     t = np.linspace(0, 4, 4001)
     D = flexgen.Disturbance
     assert np.array_equal(D("step", "m1", 2.0, 1.0).values(t), np.where(t >= 1, 2.0, 0.0))
-    assert np.trapezoid(D("pulse", "m1", 2.0, 1.0, 0.5).values(t), t) == pytest.approx(1.0, rel=1e-2)
-    assert D("ramp", "m1", 2.0, 1.0, 1.0).values(np.array([0.5, 1.5, 3.0])).tolist() == [0.0, 1.0, 2.0]
+    assert np.trapezoid(D("pulse", "m1", 2.0, 1.0, 0.5).values(t), t) == pytest.approx(
+        1.0, rel=1e-2
+    )
+    assert D("ramp", "m1", 2.0, 1.0, 1.0).values(np.array([0.5, 1.5, 3.0])).tolist() == [
+        0.0,
+        1.0,
+        2.0,
+    ]
     chirp = D("chirp", "m1", 1.0, 0.0, 4.0, (1.0, 16.0)).values(t)
     crossings = t[1:][np.diff(np.sign(chirp)) != 0]
     assert 0.5 / np.diff(crossings)[0] == pytest.approx(1.2, abs=0.4)
@@ -275,7 +308,9 @@ def test_disturbances_have_their_shapes():
 
 
 def test_an_unstable_loop_is_reported_without_an_exception(case):
-    wild = flexgen.PPI(50.0, 5000.0, 0.0).cascade(case.model, 1e-9, case.reference.points(np.array([0])))
+    wild = flexgen.PPI(50.0, 5000.0, 0.0).cascade(
+        case.model, 1e-9, case.reference.points(np.array([0]))
+    )
     found = run_case(case, wild, "wild")
     assert found.status.startswith("failed: nominal:") and np.isnan(found.tool_error_max_m)
     assert json.loads(json.dumps(found.to_dict()))["plants"][0]["error_max_m"] is None
@@ -284,10 +319,16 @@ def test_an_unstable_loop_is_reported_without_an_exception(case):
 
 @pytest.mark.slow
 def test_a_run_has_a_trajectory_and_a_page(case, tmp_path):
-    found = flexgen.control(MODEL, plants={"soft": {"stiffness": 0.8}}, solution=case.solution, progress=False)
+    found = flexgen.control(
+        MODEL, plants={"soft": {"stiffness": 0.8}}, solution=case.solution, progress=False
+    )
     saved = found.trajectory("soft").save(tmp_path / "run.csv")
     assert saved.exists() and "tau_ff" in found.trajectory()
     page = found.report(tmp_path / "page").read_text()
-    assert "Margins of the linear loop" in page and "soft" in page and (tmp_path / "page" / "loops.png").exists()
+    assert (
+        "Margins of the linear loop" in page
+        and "soft" in page
+        and (tmp_path / "page" / "loops.png").exists()
+    )
     with pytest.raises(ArgumentError, match="given 'hard', expected one of nominal, soft"):
         found.trajectory("hard")

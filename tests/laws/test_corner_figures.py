@@ -23,7 +23,8 @@ def along(time: np.ndarray, zone: float = 0.0, beyond: float = 0.0) -> np.ndarra
     if zone:
         inside = np.abs(s) < zone
         x, y = (
-            np.where(inside, f, g) for f, g in ((-((zone - s) ** 2) / (4 * zone), x), ((zone + s) ** 2 / (4 * zone), y))
+            np.where(inside, f, g)
+            for f, g in ((-((zone - s) ** 2) / (4 * zone), x), ((zone + s) ** 2 / (4 * zone), y))
         )
     bump = beyond * np.where((s > 0) & (s < 0.02), np.sin(np.pi * s / 0.02) ** 2, 0.0)
     return CORNER.point + np.outer(x + bump, U) + np.outer(y, W)
@@ -31,7 +32,9 @@ def along(time: np.ndarray, zone: float = 0.0, beyond: float = 0.0) -> np.ndarra
 
 def test_a_parabola_in_the_corner_has_the_round_off_of_its_vertex() -> None:
     """At s = 0 it is at (-z/4, z/4): z/(2 sqrt 2) from the corner."""
-    found = corner_figures([CORNER], TIME, along(TIME, 0.01), np.array([along(TIME, 0.01), along(TIME - 0.02, 0.03)]))
+    found = corner_figures(
+        [CORNER], TIME, along(TIME, 0.01), np.array([along(TIME, 0.01), along(TIME - 0.02, 0.03)])
+    )
     assert_allclose(found["corner_round_off_commanded"], 0.01 / (2 * np.sqrt(2)), rtol=1e-3)
     assert_allclose(found["corner_round_off"], 0.03 / (2 * np.sqrt(2)), rtol=1e-3)
     assert found["corner_overshoot"] == pytest.approx(0.0, abs=1e-12)
@@ -48,8 +51,13 @@ def test_a_planted_overshoot_is_found_whatever_the_lateness() -> None:
 def test_the_nearest_sample_is_a_planted_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples of a fast robot lie to both sides of a corner that it passes exactly."""
     late = np.array([along(TIME - 0.0005)])
-    assert corner_figures([CORNER], TIME, along(TIME), late)["corner_round_off"] < 1e-4 / np.sqrt(2) + 1e-9
-    monkeypatch.setattr(corners, "distance_from_path", lambda x, d: np.linalg.norm(d, axis=1).min(keepdims=True))
+    assert (
+        corner_figures([CORNER], TIME, along(TIME), late)["corner_round_off"]
+        < 1e-4 / np.sqrt(2) + 1e-9
+    )
+    monkeypatch.setattr(
+        corners, "distance_from_path", lambda x, d: np.linalg.norm(d, axis=1).min(keepdims=True)
+    )
     assert corner_figures([CORNER], TIME, along(TIME), late)["corner_round_off"] > 0.99e-4
 
 
@@ -65,7 +73,8 @@ def test_corners_of_moves_are_those_of_their_legs() -> None:
     (corner,) = find_corners(robot, path.move)
     assert_allclose(corner.point, y[0] + [-0.2, 0.0], atol=1e-12)
     assert_allclose([corner.before, corner.after], [[-1.0, 0.0], [0.0, -1.0]], atol=1e-12)
-    middles = path.sample([corner.begin, corner.end]).y[:, :, 0]  # of the straight parts, 0.15 m each
+    # of the straight parts, 0.15 m each
+    middles = path.sample([corner.begin, corner.end]).y[:, :, 0]
     assert_allclose(middles, y[[0, 1]] + [[-0.075, 0.0], [0.0, 0.075]], atol=1e-5)
     assert find_corners(robot, robot.move("line")) == ()
     steps = (
@@ -73,14 +82,18 @@ def test_corners_of_moves_are_those_of_their_legs() -> None:
         flexgen.MoveL((-0.1, 0.0, 0.0)),
         flexgen.MoveL((0.0, 0.0, -0.2)),
     )
-    program = flexgen.Program("stops", start=(0.5, -0.3), smoothness=5, steps=steps, profile=PROFILE)
+    program = flexgen.Program(
+        "stops", start=(0.5, -0.3), smoothness=5, steps=steps, profile=PROFILE
+    )
     (stop,) = find_corners(robot, program)  # straight on after the first step
     assert_allclose(stop.point, y[0] + [-0.3, 0.0], atol=1e-12)
 
 
 @pytest.mark.slow
 def test_a_solution_and_a_closed_loop_state_the_round_off_of_their_corner() -> None:
-    run = flexgen.control("elbow", elbow_move(0.05), plants={"soft": {"stiffness": 0.8}}, progress=False)
+    run = flexgen.control(
+        "elbow", elbow_move(0.05), plants={"soft": {"stiffness": 0.8}}, progress=False
+    )
     found, solved = run.accuracy(), run.solution.accuracy()
     path = flexgen.plan("elbow", elbow_move(0.05))
     y = path.sample(np.linspace(0.0, path.duration, 20_001)).y[:, :, 0]

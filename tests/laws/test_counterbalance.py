@@ -41,8 +41,13 @@ def test_it_acts_on_its_joint_by_the_angle() -> None:
     expected = np.stack([torque(q[:, 0]), 0 * q[:, 1]], axis=1)
     assert np.allclose(forces[1] - forces[0], expected, rtol=1e-13, atol=1e-10)
     equations = flexgen.derive(model)
-    slow, fast = equations.function("forward_dynamics"), fast_function(equations, "forward_dynamics")
-    arguments = [np.random.default_rng(1).uniform(-1, 1, (20, slow.size1_in(k))) for k in range(slow.n_in())]
+    slow, fast = (
+        equations.function("forward_dynamics"),
+        fast_function(equations, "forward_dynamics"),
+    )
+    arguments = [
+        np.random.default_rng(1).uniform(-1, 1, (20, slow.size1_in(k))) for k in range(slow.n_in())
+    ]
     for a, b in zip(evaluate(slow, *arguments), evaluate(fast, *arguments), strict=True):
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9)
 
@@ -58,7 +63,9 @@ def test_its_torque_is_the_slope_of_its_energy() -> None:
         for step in (-1e-5, 1e-5):
             q = np.zeros((len(q0), sizes[0]))
             q[:, 0] = q0 + step
-            at.append(evaluate(function, q, *(np.zeros((len(q0), n)) for n in sizes[1:]))[1].ravel())
+            at.append(
+                evaluate(function, q, *(np.zeros((len(q0), n)) for n in sizes[1:]))[1].ravel()
+            )
         energy.append((at[1] - at[0]) / 2e-5)
     assert np.allclose(energy[0] - energy[1], torque(q0), atol=1e-3)
 
@@ -81,7 +88,9 @@ def test_it_is_written_and_read_again(tmp_path: Path) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.validate(tomllib.loads(text), schema())
     for wrong in ("{}", "{ sin = [] }", "{ sin = [1, 2, 3, 4, 5, 6, 7] }", "{ tan = [1.0] }"):
-        (tmp_path / "arm.toml").write_text(text.replace("{ sin = [300.0, -120.0, 25.0], cos = [-80.0, 60.0] }", wrong))
+        (tmp_path / "arm.toml").write_text(
+            text.replace("{ sin = [300.0, -120.0, 25.0], cos = [-80.0, 60.0] }", wrong)
+        )
         with pytest.raises(ModelError, match="counterbalance"):
             flexgen.read(tmp_path / "arm.toml")
 

@@ -57,7 +57,9 @@ def error_at_the_end(solution: flexgen.Solution) -> float:
 
     x, worst = np.zeros(4), 0.0
     for begin, end in ((t[0], t[-1]), (t[-1], t[-1] + HELD)):
-        found = solve_ivp(rate, (begin, end), x, "DOP853", np.linspace(begin, end, 50), rtol=1e-12, atol=1e-13)
+        found = solve_ivp(
+            rate, (begin, end), x, "DOP853", np.linspace(begin, end, 50), rtol=1e-12, atol=1e-13
+        )
         x = found.y[:, -1]
         worst = float(np.abs(found.y[0] - STROKE).max())
     return worst
@@ -124,7 +126,9 @@ def test_the_c_ends_where_the_gears_have_settled() -> None:
     whole = library.invert(**given, n_pre=20, n_post=2000)
     found = library.invert(**given, n_pre=20, n_post=2000, settled=1e-8)
     rows = 20 + n + found.n_post
-    assert whole.n_post == 2000 and found.n_post == pytest.approx(problems.LAGS * 10 * LAG / 2e-4, abs=1.0)
+    assert whole.n_post == 2000 and found.n_post == pytest.approx(
+        problems.LAGS * 10 * LAG / 2e-4, abs=1.0
+    )
     assert (found.tau_m[: rows - 1] == whole.tau_m[: rows - 1]).all() and not found.tau_m[-1].any()
     written = found.tau_m.base
     assert written is not None and len(written) == 20 + n + 2000 and not written[rows:].any()

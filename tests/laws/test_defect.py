@@ -27,7 +27,13 @@ UPRIGHT = Path(__file__).parents[1] / "support" / "robots" / "upright.toml"
 def disturbed(t: Trajectory, share: float) -> Trajectory:
     """The trajectory with torques that are wrong by a share of the largest, in a burst in the middle."""
     burst = np.exp(-0.5 * ((t.time - t.time.mean()) / (0.05 * np.ptp(t.time))) ** 2)
-    return replace(t, channels={**t.channels, "tau_m": t["tau_m"] + share * np.abs(t["tau_m"]).max() * burst[:, None]})
+    return replace(
+        t,
+        channels={
+            **t.channels,
+            "tau_m": t["tau_m"] + share * np.abs(t["tau_m"]).max() * burst[:, None],
+        },
+    )
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow"])
@@ -68,12 +74,21 @@ def test_a_defect_that_overflows_does_not_warn(monkeypatch: pytest.MonkeyPatch) 
     k = 3
     A = np.tile([[0.0, 1.0], [1e4, 0.0]], (k, 1, 1))
     along = SimpleNamespace(
-        A=A, means=A, at=np.arange(k + 1), lengths=np.full(k, 10.0), force=np.tile([[1.0]], (k, 1, 1))
+        A=A,
+        means=A,
+        at=np.arange(k + 1),
+        lengths=np.full(k, 10.0),
+        force=np.tile([[1.0]], (k, 1, 1)),
     )
     monkeypatch.setattr(of_defect, "_output_rows", lambda equations, q_a: np.ones((len(q_a), 1, 1)))
     monkeypatch.setattr(of_defect, "_units", lambda equations: ["m"])
-    equations, motion = SimpleNamespace(model=SimpleNamespace(n_a=1)), SimpleNamespace(q_a=np.zeros((k + 1, 1)))
+    equations, motion = (
+        SimpleNamespace(model=SimpleNamespace(n_a=1)),
+        SimpleNamespace(q_a=np.zeros((k + 1, 1))),
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        in_m, in_rad = of_defect.propagate_residual(equations, motion, along, np.ones((k, 1)), False)
+        in_m, in_rad = of_defect.propagate_residual(
+            equations, motion, along, np.ones((k, 1)), False
+        )
     assert not np.isfinite(in_m) and in_rad is None

@@ -36,7 +36,9 @@ FIVE_BOUNDS = Move(
 )
 
 
-def error_of(equations: Equations, solution: flexgen.Solution, torque: np.ndarray, later: float) -> float:
+def error_of(
+    equations: Equations, solution: flexgen.Solution, torque: np.ndarray, later: float
+) -> float:
     """Largest error of the output, to ``later`` [s] after the end with the last torque held."""
     model, t = equations.model, solution.trajectory.time
     n_a, n = model.n_a, model.dof
@@ -46,7 +48,9 @@ def error_of(equations: Equations, solution: flexgen.Solution, torque: np.ndarra
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
         return np.array(state_rate(x, spline(instant) if instant < end else torque[-1])).ravel()
 
-    x = np.concatenate([solution.trajectory["q_a"][0], solution.trajectory["q_m"][0, list(model.i_m)], np.zeros(n)])
+    x = np.concatenate(
+        [solution.trajectory["q_a"][0], solution.trajectory["q_m"][0, list(model.i_m)], np.zeros(n)]
+    )
     worst = 0.0
     for begin, finish in ((t[0], end), (end, end + later)):
         at = np.linspace(begin, finish, 400)
@@ -80,14 +84,19 @@ def test_a_slow_zero_is_waited_for() -> None:
     solution = flexgen.solve(equations, FIVE_BOUNDS)
     path = Path(equations, solution.move)
     assert solution.trajectory.time[-1] - path.duration > 1.0
-    assert np.abs(solution.trajectory["v_a"][-2]).max() < 1e-6  # 2.1e-3 rad/s when it ended after 0.3 s
+    # 2.1e-3 rad/s when it ended after 0.3 s
+    assert np.abs(solution.trajectory["v_a"][-2]).max() < 1e-6
 
 
 def test_the_last_sample_is_the_equilibrium() -> None:
     equations = derive("planar5_nmp")
     t = flexgen.solve(equations, verify=False).trajectory
     end = equilibrium_at(equations, t["q_a"][-1])
-    assert np.array_equal(t["tau_m"][-1], end.tau_m) and not t["v_a"][-1].any() and not t["v_m"][-1].any()
+    assert (
+        np.array_equal(t["tau_m"][-1], end.tau_m)
+        and not t["v_a"][-1].any()
+        and not t["v_m"][-1].any()
+    )
 
 
 def test_the_last_samples_are_smooth() -> None:
@@ -99,7 +108,15 @@ def test_the_last_samples_are_smooth() -> None:
     sample = path.sample(period * np.arange(n))
     y, dy, ddy = sample.y[:, :, 0], sample.derivative(1), sample.derivative(2)
     found = library.invert(
-        y, dy, ddy, period=period, q_start=path.q_start, n_pre=40, n_post=0, samples_per_interval=5, tolerance=1e-6
+        y,
+        dy,
+        ddy,
+        period=period,
+        q_start=path.q_start,
+        n_pre=40,
+        n_post=0,
+        samples_per_interval=5,
+        tolerance=1e-6,
     )
     bend = np.abs(np.diff(found.tau_m, 3, axis=0)).max(axis=1)
     assert bend[-3:].max() < 3 * bend[-30:-3].max()
@@ -118,7 +135,11 @@ def test_the_end_is_at_rest_on_a_fine_mesh() -> None:
 def test_a_mesh_that_resolves_a_fast_zero_ends_at_rest_too() -> None:
     """Unstable zeros of 2098 and 16 +- 249i 1/s, 98 um where the cost of the slow pair has not converged."""
     solution = flexgen.solve("manutec_r3_efjm", method="lq")
-    assert solution.status is flexgen.Status.SOLVED and solution.tool_error_max_m < 5e-8 and not solution.warnings
+    assert (
+        solution.status is flexgen.Status.SOLVED
+        and solution.tool_error_max_m < 5e-8
+        and not solution.warnings
+    )
 
 
 @pytest.mark.slow
@@ -130,5 +151,6 @@ def test_joints_as_outputs_end_at_rest_too() -> None:
     move = Move("swing", "joint", (0.3, -1.1), end=(0.8, -0.8), duration=0.5, smoothness=5)
     solution = flexgen.solve(joints, move, progress=False)
     speed = np.abs(solution.trajectory["v_a"])
-    assert solution.status == Status.SOLVED and solution.trajectory.time[-1] > 1.0  # it was cut after 0.05 s
+    # it was cut after 0.05 s
+    assert solution.status == Status.SOLVED and solution.trajectory.time[-1] > 1.0
     assert speed[-2].max() < 1e-6 < 1.0 < speed.max()

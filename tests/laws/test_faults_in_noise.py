@@ -42,7 +42,11 @@ def test_where_noise_hides_all_but_one_response_its_fault_counts(factor, words):
     data = replace(data, G=G, variance=(sd * np.array([[1.0], [factor]])) ** 2)
     found = flexgen.identify(robot, data, starts=1, progress=False)
     assert found.status == (FitStatus.MODEL_ERROR if words else FitStatus.FITTED)
-    assert any(cause.words.startswith(words) for cause in found.causes) if words else found.causes == ()
+    assert (
+        any(cause.words.startswith(words) for cause in found.causes)
+        if words
+        else found.causes == ()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +58,16 @@ def experiment() -> Experiment:
 
 def fitted(experiment: Experiment, factor: float) -> flexgen.IdentificationResult:
     """The fit where the file has the first torque too large."""
-    data = flexgen.frf(replace(experiment, tau_m=experiment.tau_m * [factor, 1.0], offsets=None, beside=None))
+    data = flexgen.frf(
+        replace(experiment, tau_m=experiment.tau_m * [factor, 1.0], offsets=None, beside=None)
+    )
     return flexgen.identify(without_coulomb("planar5_nmp"), data, starts=1, progress=False)
 
 
 @pytest.mark.slow
-def test_a_fault_that_noise_of_single_elements_covers_is_seen_by_its_structure(experiment, monkeypatch):
+def test_a_fault_that_noise_of_single_elements_covers_is_seen_by_its_structure(
+    experiment, monkeypatch
+):
     """Torques 1 % wrong move a stiffness by four standard deviations; planted: nothing is sure enough."""
     assert fitted(experiment, 1.0).status == FitStatus.FITTED
     found = fitted(experiment, FAULT)

@@ -34,7 +34,9 @@ def test_a_cell_is_a_run_of_control(study):
         plants=PLANTS, disturbances={"disturbed": pushes}, encoder_noise=MOTOR_NOISE, solution=study.solution,
         progress=False,
     )  # fmt: skip
-    assert np.allclose([np.linalg.norm(r.error, axis=1)[2000:].max() for r in run.runs], cell.error_m, rtol=1e-9)
+    assert np.allclose(
+        [np.linalg.norm(r.error, axis=1)[2000:].max() for r in run.runs], cell.error_m, rtol=1e-9
+    )
     at_rest = run.nominal.tau_m[1001:2000]
     noise = (at_rest.max(axis=0) - at_rest.min(axis=0)).max()
     assert cell.torque_noise_Nm == pytest.approx(noise, rel=1e-9)
@@ -59,7 +61,9 @@ def test_tunings_above_the_noise_and_unstable_ones_are_not_chosen(study):
 def test_feedforward_with_lq_is_better_than_feedback_linearisation_where_noise_limits_the_gain():
     """Twice at the least at 0.5 ms, with 4 N m of torque noise, 12 frequencies; measured 3.2."""
     setting = SETTINGS[3]
-    found = flexgen.feedback_study(settings=(setting,), families=(FL, STATE_LQ), tunings=12, progress=False)
+    found = flexgen.feedback_study(
+        settings=(setting,), families=(FL, STATE_LQ), tunings=12, progress=False
+    )
     assert found.ratio(setting) > 2
 
 
@@ -68,7 +72,11 @@ def test_slow_poles_are_worse_under_wrong_stiffness(study):
     """Linearizing feedback computes with the wrong model: 8 Hz is unstable where LQ of any weight is not."""
     (setting,) = study.settings
     slow = study.of(setting, FL)[0]
-    assert slow.tuning == "continuous, 8.0 Hz" and not np.isfinite(slow.worst_m) and slow.error_m[0] < 4e-3
+    assert (
+        slow.tuning == "continuous, 8.0 Hz"
+        and not np.isfinite(slow.worst_m)
+        and slow.error_m[0] < 4e-3
+    )
 
 
 @pytest.mark.parametrize(

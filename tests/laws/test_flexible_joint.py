@@ -18,7 +18,8 @@ from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import BacklashSpring
 
-STEP = 2.5e-4  # s, of the differences: their error is STEP^6 times an eighth derivative, rounding 1e-13 / STEP^2
+# s, of the differences: their error is STEP^6 times an eighth derivative, rounding 1e-13 / STEP^2
+STEP = 2.5e-4
 # second and first derivative by central differences of order six
 SECOND = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
 FIRST = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
@@ -85,7 +86,11 @@ def test_a_planted_bug_in_the_second_derivative_is_seen(left_out):
     fourth = SECOND @ samples / STEP**2
     given = {"speed": v, "acceleration": a, "jerk": j}
     given[left_out] = 0.0 * given[left_out]
-    found = torque(q, given["speed"], given["acceleration"], given["jerk"], fourth, q_m, v_m).full().ravel()
+    found = (
+        torque(q, given["speed"], given["acceleration"], given["jerk"], fourth, q_m, v_m)
+        .full()
+        .ravel()
+    )
     assert np.abs(found - tau).max() > 2e-4 * np.abs(tau).max()
 
 
@@ -100,7 +105,9 @@ def test_the_emitted_functions_are_those_of_the_equations():
         assert np.allclose(a, expected[0], rtol=1e-11) and np.allclose(j, expected[1], rtol=1e-10)
         found = library.flexible_joint_torque(q, v, a, j, 10 * tau, q_m, v_m)
         assert np.allclose(
-            found, equations.function(names[1])(q, v, a, j, 10 * tau, q_m, v_m).full().ravel(), rtol=1e-9
+            found,
+            equations.function(names[1])(q, v, a, j, 10 * tau, q_m, v_m).full().ravel(),
+            rtol=1e-9,
         )
 
 
@@ -134,7 +141,9 @@ def test_the_three_axis_arm_is_the_manutec_with_a_locked_wrist():
             expected = large(six).full()[:3, :3]
             assert np.allclose(small(np.array(q)).full(), expected, rtol=1e-12, atol=1e-11)
         p = derive(arm3).function("forward_kinematics")(np.array(q))[0].full()
-        assert np.allclose(p, derive(whole).function("forward_kinematics")(six)[0].full(), atol=1e-13)
+        assert np.allclose(
+            p, derive(whole).function("forward_kinematics")(six)[0].full(), atol=1e-13
+        )
 
 
 def test_other_models_are_refused_with_the_reason():

@@ -23,13 +23,16 @@ from flexgen.memory.lugre import without_lugre
 slow = pytest.mark.slow
 EXACT = 1e-11  # of the largest rate of its kind: rounding
 MOTION = 1e-10  # of the largest value of a channel, at least 1 rad
-STILL, TURN, SPEED = 1e-3, 3e-4, 0.3  # of the states: joints, deflections [rad], speeds of joints [rad/s]
+# of the states: joints, deflections [rad], speeds of joints [rad/s]
+STILL, TURN, SPEED = 1e-3, 3e-4, 0.3
 
 
 class Law:
     """Rates of all states: Lagrange's equations without memory, and forces of own laws by their mass matrix."""
 
-    def __init__(self, model: flexgen.RobotModel, elements: tuple[Element, ...], bristles: bool) -> None:
+    def __init__(
+        self, model: flexgen.RobotModel, elements: tuple[Element, ...], bristles: bool
+    ) -> None:
         self.plain, self.m = fmus.Lagrange(without_lugre(without_hysteresis(model))), model
         self.elements, self.K = elements, joint_stiffness(model) if elements else None
         self.bristles = NUMBERS if bristles else None
@@ -39,14 +42,23 @@ class Law:
         m, n, n_m = self.m, self.m.dof, self.m.n_m
         z = x[2 * n :]
         _, v_a, q_m, v_m = self.plain.split(x[: 2 * n])
-        out, forces, i_g, i_m = self.plain.rate(0.0, x[: 2 * n], u), np.zeros(n), list(m.i_g), list(m.i_m)
+        out, forces, i_g, i_m = (
+            self.plain.rate(0.0, x[: 2 * n], u),
+            np.zeros(n),
+            list(m.i_g),
+            list(m.i_m),
+        )
         on_motors, inverse, more = np.zeros(n_m), np.linalg.inv(m.eta), []
         if self.elements:
             d, total = inverse @ v_m - v_a[i_g], np.zeros(m.n_g)
             for k, each in enumerate(self.elements):
                 own = z[k * m.n_g : (k + 1) * m.n_g]
                 part, s = own / (0.5 * each.lost * ARCMIN * self.K), np.sign(d)
-                curve = np.abs(part) ** (each.exponent - 1) * part * (1 - each.gamma + each.gamma * np.sign(s * part))
+                curve = (
+                    np.abs(part) ** (each.exponent - 1)
+                    * part
+                    * (1 - each.gamma + each.gamma * np.sign(s * part))
+                )
                 more.append(each.stiffness * self.K * d * (1 - s * curve))
                 total += own
             forces[i_g] += total
@@ -65,14 +77,18 @@ class Law:
         return np.concatenate([out[:n], out[n:] + np.linalg.solve(M, forces), *more])
 
 
-def states_of(model: flexgen.RobotModel, start: np.ndarray, slips: np.ndarray, seed: int) -> np.ndarray:
+def states_of(
+    model: flexgen.RobotModel, start: np.ndarray, slips: np.ndarray, seed: int
+) -> np.ndarray:
     """A state with deflected gears that move, and torques within their slips."""
     rng, m = np.random.default_rng(seed), model
     x, n, i_g, i_m = start.copy(), m.dof, list(m.i_g), list(m.i_m)
     x[: m.n_a] += STILL * rng.standard_normal(m.n_a)
     x[n : n + m.n_a] = SPEED * rng.standard_normal(m.n_a)
     x[m.n_a : n] = (m.eta @ (x[: m.n_a][i_g] + TURN * rng.standard_normal(m.n_g)))[i_m]
-    x[n + m.n_a : 2 * n] = (m.eta @ (x[n : n + m.n_a][i_g] + SPEED / 10 * rng.standard_normal(m.n_g)))[i_m]
+    x[n + m.n_a : 2 * n] = (
+        m.eta @ (x[n : n + m.n_a][i_g] + SPEED / 10 * rng.standard_normal(m.n_g))
+    )[i_m]
     x[2 * n :] = slips * rng.uniform(-0.9, 0.9, len(slips))
     return x
 
@@ -80,7 +96,9 @@ def states_of(model: flexgen.RobotModel, start: np.ndarray, slips: np.ndarray, s
 def case(kind: str) -> tuple[flexgen.RobotModel, tuple[Element, ...], bool]:
     tables = {f"motor.{motor}.lugre": NUMBERS for motor in ("m1", "m2")}
     if kind == "rigid":
-        gears = {f"element.{arm}.gear": {"type": "rigid"} for arm in ("upper.dof.q1", "fore.dof.q2")}
+        gears = {
+            f"element.{arm}.gear": {"type": "rigid"} for arm in ("upper.dof.q1", "fore.dof.q2")
+        }
         return bristled("elbow", {motor: NUMBERS for motor in ("m1", "m2")}, **gears), (), True
     if kind == "manutec_r3_18":
         return with_elements(kind, SLIPS), SLIPS, False
@@ -91,9 +109,14 @@ def errors_of_rates(written: flexgen.Exported, law: Law) -> float:
     """Largest difference of a rate in Model Exchange, relative to the largest one of its kind, at three states."""
     fmu, worst = fmus.Instance(written, "ModelExchange"), 0.0
     states, rates, inputs = (fmus.references(written, kind) for kind in (STATE, RATE, INPUT))
-    slips = np.array([v.nominal for v in written.details["variables"] if v.kind == STATE][2 * law.m.dof :])
+    slips = np.array(
+        [v.nominal for v in written.details["variables"] if v.kind == STATE][2 * law.m.dof :]
+    )
     for seed in range(3):
-        x, u = states_of(law.m, fmus.starts(written, STATE), slips, seed), fmus.inputs_over(written, 3)[2]
+        x, u = (
+            states_of(law.m, fmus.starts(written, STATE), slips, seed),
+            fmus.inputs_over(written, 3)[2],
+        )
         fmu.put(states, x)
         fmu.put(inputs, u)
         found, expected = fmu.get(rates), law.rate(x, u)
@@ -106,7 +129,8 @@ def errors_of_rates(written: flexgen.Exported, law: Law) -> float:
 
 
 @pytest.mark.parametrize(
-    "kind", ["elbow", *(pytest.param(x, marks=slow) for x in ("planar5_nmp", "rigid", "manutec_r3_18"))]
+    "kind",
+    ["elbow", *(pytest.param(x, marks=slow) for x in ("planar5_nmp", "rigid", "manutec_r3_18"))],
 )
 def test_rates_are_those_of_the_laws(kind, tmp_path):
     model, elements, bristles = case(kind)
@@ -148,9 +172,14 @@ def test_states_are_described_and_derivatives_are_those_of_the_laws(version, tmp
     nominal = np.array([v.nominal for v in written.details["variables"] if v.kind == STATE])
     size = 1e-6 * np.where(np.arange(len(x)) < 2 * model.dof, 1.0, nominal)
     for k, state in enumerate(states):
-        found, step = fmu.fmu.getDirectionalDerivative(rates, [state], [1.0]), size[k] * np.eye(len(x))[k]
+        found, step = (
+            fmu.fmu.getDirectionalDerivative(rates, [state], [1.0]),
+            size[k] * np.eye(len(x))[k],
+        )
         expected = (law.rate(x + step, u) - law.rate(x - step, u)) / (2 * size[k])
-        assert np.abs(np.array(found) - expected).max() < 1e-6 * (1.0 + np.abs(expected).max()), state
+        assert np.abs(np.array(found) - expected).max() < 1e-6 * (1.0 + np.abs(expected).max()), (
+            state
+        )
     fmu.close()
 
 

@@ -26,7 +26,9 @@ VERSIONS = ["2.0", pytest.param("3.0", marks=pytest.mark.slow)]
 STEPS = 8  # of a millisecond
 
 CO_SIMULATION = (
-    1e-8  # of the largest value of a channel, at least 1 rad, m: asked of the FMU; Runge-Kutta reaches 1e-10
+    # of the largest value of a channel, at least 1 rad, m: asked of the FMU; Runge-Kutta reaches
+    # 1e-10
+    1e-8
 )
 MODEL_EXCHANGE = 1e-7  # the same; the integrator outside has 1e-11
 FINE = {"integration.step": 1e-5}  # s
@@ -38,7 +40,10 @@ def check_co_simulation(written, model):
     expected = definition.motion(fmus.starts(written, STATE), inputs)
     x, y = fmus.co_simulated(written, inputs, FINE)
     assert fmus.largest_difference(x, expected) <= CO_SIMULATION
-    assert fmus.largest_difference(y, np.array([definition.output(state) for state in expected])) <= CO_SIMULATION
+    assert (
+        fmus.largest_difference(y, np.array([definition.output(state) for state in expected]))
+        <= CO_SIMULATION
+    )
     assert np.abs(expected[-1] - expected[0]).max() > 1e-5  # (it moved)
 
 
@@ -55,7 +60,9 @@ def test_friction_by_load_and_temperature_is_in_the_plant(tmp_path):
     check_co_simulation(written, model)
     inputs = fmus.inputs_over(written, STEPS)
     x, _ = fmus.co_simulated(written, inputs, FINE)
-    without = fmus.lagrange(with_friction(model, "viscous")).motion(fmus.starts(written, STATE), inputs)
+    without = fmus.lagrange(with_friction(model, "viscous")).motion(
+        fmus.starts(written, STATE), inputs
+    )
     assert fmus.largest_difference(x, without) > 1e-3
 
 
@@ -90,7 +97,9 @@ def test_fmpy_integrates_model_exchange_by_cvode(model, version):
     definition, end = fmus.lagrange(model), 0.01
     u = np.concatenate([fmus.starts(written, INPUT)[:-6] + 0.5, fmus.FORCE])
     names = [v.name for v in written.details["variables"] if v.kind == INPUT]
-    signals = np.array([(0.0, *u), (end, *u)], dtype=[("time", float), *((name, float) for name in names)])
+    signals = np.array(
+        [(0.0, *u), (end, *u)], dtype=[("time", float), *((name, float) for name in names)]
+    )
     result = fmpy.simulate_fmu(
         str(written.path), stop_time=end, fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-11,
         input=signals, output_interval=end, output=[v.name for v in written.details["variables"] if v.kind == STATE],
@@ -109,18 +118,24 @@ def test_the_implicit_step_has_order_four(model):
     inputs = fmus.inputs_over(written, 8)
     expected = fmus.lagrange(model).motion(fmus.starts(written, STATE), inputs)
     errors = []
-    steps = {"four_mass": 1e-3, "planar5_nmp": 5e-4, "manutec_r3_24": 5e-4}[model] * 0.5 ** np.arange(3)
+    steps = {"four_mass": 1e-3, "planar5_nmp": 5e-4, "manutec_r3_24": 5e-4}[
+        model
+    ] * 0.5 ** np.arange(3)
     for step in steps:
-        x, _ = fmus.co_simulated(written, inputs, {"integration.method": 2, "integration.step": step})
+        x, _ = fmus.co_simulated(
+            written, inputs, {"integration.method": 2, "integration.step": step}
+        )
         errors.append(fmus.largest_difference(x, expected))
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert (np.abs(orders - 4.0) < 0.25).all(), (errors, orders)  # halving three times: 4.0 but for higher terms
+    # halving three times: 4.0 but for higher terms
+    assert (np.abs(orders - 4.0) < 0.25).all(), (errors, orders)
 
 
 def stiff(tmp_path):
     """One axis with a gear spring so stiff that its mode is at 5 kHz."""
     model = flexgen.read(
-        "four_mass", overrides={"element.mass1.dof.q1.gear.spring": {"type": "linear", "stiffness": 1e6}}
+        "four_mass",
+        overrides={"element.mass1.dof.q1.gear.spring": {"type": "linear", "stiffness": 1e6}},
     )
     return flexgen.export_fmu(model, tmp_path / "stiff.fmu")
 
@@ -135,7 +150,8 @@ def test_a_stiff_spring_needs_the_implicit_step(tmp_path):
     coarse = {"integration.step": 1e-3}
     x, _ = fmus.co_simulated(written, inputs, coarse | {"integration.method": 2})
     fine, _ = fmus.co_simulated(written, inputs, {"integration.step": 2e-6})
-    assert fmus.largest_difference(x[:, :4], fine[:, :4]) < 1e-6  # positions; the fast mode is 1e-7 rad in size
+    # positions; the fast mode is 1e-7 rad in size
+    assert fmus.largest_difference(x[:, :4], fine[:, :4]) < 1e-6
     with pytest.raises(Exception, match=r"doStep|Discard|status"):
         fmus.co_simulated(written, np.tile(inputs, (20, 1)), coarse | {"integration.method": 1})
 
@@ -161,7 +177,8 @@ def test_directional_derivatives_are_those_of_lagranges_equations(model, version
         seed = rng.standard_normal(len(known))
         found = np.array(fmu.fmu.getDirectionalDerivative(unknown, known, list(seed)))
         size = np.abs(expected) @ np.abs(seed) + 1e-3
-        assert (np.abs(found - expected @ seed) / size).max() < 1e-10  # of the terms of the sum: rounding
+        # of the terms of the sum: rounding
+        assert (np.abs(found - expected @ seed) / size).max() < 1e-10
         expected_wrong = expected.copy()
         expected_wrong[:, 0] *= -1.0
         assert (np.abs(found - expected_wrong @ seed) / size).max() > 1e-6
@@ -198,7 +215,9 @@ def test_the_payload_is_a_tunable_parameter():
     model = replace(flexgen.read("planar5_nmp"), payload=payload)
     inputs = fmus.inputs_over(written, 5)
     expected = fmus.Lagrange(model).motion(fmus.starts(written, STATE), inputs)
-    start = {"payload.mass": payload.mass} | {f"payload.com[{k + 1}]": c for k, c in enumerate(payload.com)}
+    start = {"payload.mass": payload.mass} | {
+        f"payload.com[{k + 1}]": c for k, c in enumerate(payload.com)
+    }
     x, _ = fmus.co_simulated(written, inputs, FINE | start)
     without, _ = fmus.co_simulated(written, inputs, FINE)
     assert fmus.largest_difference(x, expected) <= CO_SIMULATION
@@ -227,7 +246,9 @@ def test_a_wrong_sign_of_the_gear_torque_is_found(monkeypatch, tmp_path):
         given = [ca.SX.sym(key, *function.size_in(key)) for key in function.name_in()]
         values = dict(zip(function.name_in(), given, strict=True))
         straight = ca.SX(m.eta) @ values["q_a"][list(m.i_g)]
-        results = function.call([2 * straight - x if key == "q_m" else x for key, x in values.items()])
+        results = function.call(
+            [2 * straight - x if key == "q_m" else x for key, x in values.items()]
+        )
         return ca.Function(name, given, results, function.name_in(), function.name_out())
 
     monkeypatch.setattr(plant_module, "mathematics_of", planted)
@@ -283,7 +304,9 @@ def test_a_saved_state_of_the_other_interface_or_with_wrong_numbers_is_refused(v
             restore(kinds[0], bytes(data))
     right = saved[kinds[0]]
     assert int.from_bytes(right[96:104], sys.byteorder) == fnv_1a(right[104:])
-    for place in np.random.default_rng(4).integers(8 * len(right.partition(b"\0")[0]), 8 * len(right), 100):
+    for place in np.random.default_rng(4).integers(
+        8 * len(right.partition(b"\0")[0]), 8 * len(right), 100
+    ):
         data = bytearray(right)
         data[place // 8] ^= 1 << (place % 8)
         if 8 * len(right.partition(b"\0")[0]) + 8 <= place < 96 * 8:

@@ -30,7 +30,11 @@ def smooth(t, length):
 @cache
 def stream_of(model):
     """The library with the payload as parameter, as in the FMU."""
-    return flexgen.load(flexgen.generate(model, fmus.folder() / f"{model}_library", parameters=["payload"]).directory)
+    return flexgen.load(
+        flexgen.generate(
+            model, fmus.folder() / f"{model}_library", parameters=["payload"]
+        ).directory
+    )
 
 
 def path(written, n, period):
@@ -67,7 +71,9 @@ def stream_bits(model, written, u, begin=None):
     for row in u:
         found = stream.update(row[:n_y], row[n_y : 2 * n_y], row[2 * n_y :])
         names = ("tau_m", "q_m", "v_m", "q_a", "v_a")
-        rows.append(np.hstack([*(getattr(found, name) for name in names), np.full((5, 1), found.residual)]))
+        rows.append(
+            np.hstack([*(getattr(found, name) for name in names), np.full((5, 1), found.residual)])
+        )
     return np.concatenate(rows)
 
 
@@ -94,7 +100,9 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(version, tmp_pat
         with pytest.MonkeyPatch.context() as patch:
             if forgets:
                 plant_in_c(patch, *remembering.FORGETS[forgets])
-            written = flexgen.export_fmu(model, tmp_path / f"a{forgets}.fmu", block="feedforward", version=version)
+            written = flexgen.export_fmu(
+                model, tmp_path / f"a{forgets}.fmu", block="feedforward", version=version
+            )
         found, again = (streamed(written, given)[:, :2] for _ in range(2))
         assert np.array_equal(found, again)
         return found
@@ -108,7 +116,9 @@ def test_the_feedforward_in_model_exchange_has_the_same_bits(version):
     """Time events are the samples; inputs are those at the events."""
     written = fmus.exported("planar5_nmp", version, "feedforward")
     u = path(written, 12, 5e-3)
-    fmu = fmus.Instance(written, "ModelExchange", start=dict(zip(names_of(written, INPUT), u[0], strict=True)))
+    fmu = fmus.Instance(
+        written, "ModelExchange", start=dict(zip(names_of(written, INPUT), u[0], strict=True))
+    )
     update = fmu.fmu.newDiscreteStates if version == "2.0" else fmu.fmu.updateDiscreteStates
     rows = [fmu.get(fmus.references(written, OUTPUT))]
     for k in range(1, 60):
@@ -150,7 +160,10 @@ def test_a_sample_out_of_reach_is_refused_and_changes_nothing():
 @pytest.mark.slow
 def test_plant_and_feedforward_track_the_path():
     """Torques of one FMU to the other, a millisecond each: the tool is on the path, but for the held torque."""
-    plant, ahead = fmus.exported("planar5_nmp", "2.0"), fmus.exported("planar5_nmp", "2.0", "feedforward")
+    plant, ahead = (
+        fmus.exported("planar5_nmp", "2.0"),
+        fmus.exported("planar5_nmp", "2.0", "feedforward"),
+    )
     u = path(ahead, 60, 5e-3)
     # m: a torque that is held for a millisecond lags by half of it; the tool moves at up to 2.3 m/s
     errors = [tool_error(plant, ahead, u, True, late) for late in (0.0, 0.5e-3)]
@@ -191,7 +204,11 @@ def test_the_controller_has_the_bits_of_the_cascade(kind, version):
     assert np.array_equal(controlled(written, u, kind, version), expected)
     other = fmus.cascade(2)
     planted = flexgen.Cascade(
-        other.position_gain * (1 + 1e-12), other.speed_gain, other.integral_gain, other.filters, other.torque_max
+        other.position_gain * (1 + 1e-12),
+        other.speed_gain,
+        other.integral_gain,
+        other.filters,
+        other.torque_max,
     )
     assert not np.array_equal(cascade_bits(start, u, planted), expected)
 
@@ -203,7 +220,9 @@ def cascade_bits(start, u, cascade):
     none = np.zeros(0)
 
     def step(k, row):
-        return cascade.step(k, Measurement(row[:2], none), Reference(row[2:4], none, row[4:], none, none, none))
+        return cascade.step(
+            k, Measurement(row[:2], none), Reference(row[2:4], none, row[4:], none, none, none)
+        )
 
     # a first step at rest leaves the state at rest
     step(0, np.concatenate([start[:2], start[:2], np.zeros(2)]))
@@ -236,7 +255,9 @@ def controlled(written, u, kind, version):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("block", ["controller", pytest.param("feedforward", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "block", ["controller", pytest.param("feedforward", marks=pytest.mark.slow)]
+)
 def test_a_step_of_more_samples_than_can_be_computed_is_discarded_at_once(block, version):
     """1e9 s are 1e12 samples: days of computation."""
     written = fmus.exported("elbow", version, block)
@@ -260,17 +281,28 @@ FILTERS = "notch = [{ frequency_hz = 60.0 }]\nlow_pass = [{ frequency_hz = 400.0
 
 @pytest.mark.parametrize(
     ("integral", "filters"),
-    [(6.0, ""), *(pytest.param(x, text, marks=pytest.mark.slow) for x, text in ((0.0, ""), (6.0, FILTERS)))],
+    [
+        (6.0, ""),
+        *(pytest.param(x, text, marks=pytest.mark.slow) for x, text in ((0.0, ""), (6.0, FILTERS))),
+    ],
 )
 def test_the_feedforward_of_a_robot_with_a_servo_gives_its_commands(integral, filters, tmp_path):
     """The bits of the stream of a library with positions; planted: each sample one update late."""
     table = "\n[servo]\ntype = 'cascade'\nposition_gain = [30.0, 25.0]\nspeed_gain = [1.5, 0.4]\n"
     table += f"integral_gain = [{integral}, 6.0]\n"
     file = tmp_path / "robot.toml"
-    file.write_text(Path(flexgen.read("elbow").file).read_text() + table + "delay = 0.0005\n" + filters)
+    file.write_text(
+        Path(flexgen.read("elbow").file).read_text() + table + "delay = 0.0005\n" + filters
+    )
     written = flexgen.export_fmu(file, tmp_path / "elbow.fmu", block="feedforward")
-    library = flexgen.generate(file, tmp_path / "library", parameters=["payload"], parts=["position"]).directory
-    robot, start, begin = flexgen.read(file), fmus.starts(written, OUTPUT), fmus.starts(written, INPUT)
+    library = flexgen.generate(
+        file, tmp_path / "library", parameters=["payload"], parts=["position"]
+    ).directory
+    robot, start, begin = (
+        flexgen.read(file),
+        fmus.starts(written, OUTPUT),
+        fmus.starts(written, INPUT),
+    )
     options = {"period": 5e-3, "intervals": 10, "samples_per_interval": 10, "servo": True}
     stream = flexgen.load(library).stream(begin[:2], start[6 : 6 + robot.n_a], **options)
     u = path(written, 45, 5e-3)

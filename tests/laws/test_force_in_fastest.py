@@ -35,7 +35,9 @@ def grinding(place: np.ndarray) -> np.ndarray:
 
 
 def found(**more) -> FastestMove:
-    return flexgen.fastest(MODEL, limits=LIMITS, coefficients=8, force=grinding, progress=False, **more)
+    return flexgen.fastest(
+        MODEL, limits=LIMITS, coefficients=8, force=grinding, progress=False, **more
+    )
 
 
 @pytest.fixture(scope="module")
@@ -64,9 +66,12 @@ def solved_with_force(move: flexgen.Move) -> flexgen.Solution:
 def test_the_limits_are_kept_with_the_force_and_reached(quick):
     checked = solved_with_force(quick.move)
     assert checked.tool_error_max_m < 1e-8 and 0.995 < use_of_torque(checked) < 1.001
-    np.testing.assert_allclose(quick.solution.trajectory["tau_m"], checked.trajectory["tau_m"], atol=1e-5)
+    np.testing.assert_allclose(
+        quick.solution.trajectory["tau_m"], checked.trajectory["tau_m"], atol=1e-5
+    )
     free = flexgen.fastest(MODEL, limits=LIMITS, coefficients=8, progress=False)
-    assert use_of_torque(solved_with_force(free.move)) > 1.05  # the law without the force does not keep them
+    # the law without the force does not keep them
+    assert use_of_torque(solved_with_force(free.move)) > 1.05
     assert quick.rigid_s < quick.duration_s < quick.default_s and quick.rigid_s != free.rigid_s
 
 
@@ -80,14 +85,18 @@ def test_planted_errors_exceed_the_limits_or_do_not_reach_them(monkeypatch, bug)
 
         monkeypatch.setattr(time_search, "in_time", wrong)
     else:
-        monkeypatch.setattr(place_force, "places", lambda path, t: np.clip(t / path.duration, 0.0, 1.0))
+        monkeypatch.setattr(
+            place_force, "places", lambda path, t: np.clip(t / path.duration, 0.0, 1.0)
+        )
     assert abs(use_of_torque(solved_with_force(found().move)) - 1.0) > 0.01
 
 
 @pytest.mark.slow
 def test_the_result_in_the_closed_loop(quick):
     errors = [
-        flexgen.control(MODEL, quick.move, force=quick.force, assumed_force=x, torque_limits=False).tool_error_max_m
+        flexgen.control(
+            MODEL, quick.move, force=quick.force, assumed_force=x, torque_limits=False
+        ).tool_error_max_m
         for x in (1.0, 0.0)
     ]
     assert errors[0] < 1e-6 and errors[1] > 1e-4
@@ -96,7 +105,9 @@ def test_the_result_in_the_closed_loop(quick):
 @pytest.mark.slow
 def test_vibrations_are_those_of_control(quick):
     plants = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
-    run = flexgen.control(MODEL, quick.move, force=quick.force, plants=plants, sample_time=1e-3, torque_limits=False)
+    run = flexgen.control(
+        MODEL, quick.move, force=quick.force, plants=plants, sample_time=1e-3, torque_limits=False
+    )
     after = (run.reference.time >= quick.duration_s) & (run.reference.time < quick.duration_s + 0.4)
     for name, size in quick.vibration_m.items():
         error = run[name].error - run[name].error[-1]
@@ -107,13 +118,18 @@ def test_vibrations_are_those_of_control(quick):
 def test_a_program_keeps_the_limits_and_its_places():
     steps = (flexgen.MoveL((-0.12, 0.0, 0.0), pause=0.1), flexgen.MoveL((0.0, 0.12, 0.0)))
     tool, joints = (0.4, 2.0, 30.0, 600.0), (1.0, 5.0, 60.0, 900.0)
-    seam = flexgen.Program("seam", start=(0.3, -1.1), smoothness=5, steps=steps, profile=tool, joint_profile=joints)
+    seam = flexgen.Program(
+        "seam", start=(0.3, -1.1), smoothness=5, steps=steps, profile=tool, joint_profile=joints
+    )
 
     def rise(x: np.ndarray) -> np.ndarray:
         return x**3 * (10 - 15 * x + 6 * x**2)
 
     def force(place: np.ndarray) -> np.ndarray:
-        return np.outer(100.0 * (rise(np.clip(place - 0.5, 0, 1)) - rise(np.clip(place - 1.2, 0, 0.8) / 0.8)), PLANE)
+        return np.outer(
+            100.0 * (rise(np.clip(place - 0.5, 0, 1)) - rise(np.clip(place - 1.2, 0, 0.8) / 0.8)),
+            PLANE,
+        )
 
     quick = flexgen.fastest(MODEL, seam, limits=LIMITS, coefficients=6, force=force, progress=False)
     assert quick.solution.tool_error_max_m < 1e-7 and use_of_torque(quick.solution) < 1.001
@@ -123,7 +139,9 @@ def test_a_program_keeps_the_limits_and_its_places():
     way = np.linalg.norm(y - start, axis=1) / 0.12, np.linalg.norm(y - corner, axis=1) / 0.12
     place = np.where(t < path.segments[1].start, way[0], 1.0 + way[1])
     inside = (t >= 0) & (t <= path.duration)
-    np.testing.assert_allclose(quick.solution.trajectory["force"][inside, :2], force(place)[inside], atol=0.05)
+    np.testing.assert_allclose(
+        quick.solution.trajectory["force"][inside, :2], force(place)[inside], atol=0.05
+    )
 
 
 def test_the_bound_of_a_rigid_robot_has_the_force():
@@ -155,7 +173,12 @@ def test_file_command_and_errors(tmp_path, capsys):
     data = json.loads(capsys.readouterr().out)
     assert abs(data["solution"]["force_max_N"] - SIZE) < 1.0
     model = flexgen.read(MODEL)
-    time = Trajectory(place, {"force": table[:, 1:]}, {"force": Port("force", (3,), "N", "")}, {"force": tuple("xyz")})
+    time = Trajectory(
+        place,
+        {"force": table[:, 1:]},
+        {"force": Port("force", (3,), "N", "")},
+        {"force": tuple("xyz")},
+    )
     short, wrong, text = (tmp_path / name for name in ("short.csv", "wrong.csv", "text.csv"))
     short.write_text("place,fx,fy,fz\n0,1,2,0\n0.5,1,2,0\n")
     wrong.write_text("time,fx,fy,fz\n0,1,2,0\n1,1,2,0\n")
@@ -186,5 +209,7 @@ def test_places_are_those_of_the_time_law():
     path = flexgen.plan(MODEL)
     t = np.linspace(-0.1, path.duration + 0.1, 50)
     force = make_place_force(grinding, path.equations.model, 1)
-    np.testing.assert_allclose(force_along(force, path)(t)[:, :2], grinding(places(path, t)), atol=1e-6)
+    np.testing.assert_allclose(
+        force_along(force, path)(t)[:, :2], grinding(places(path, t)), atol=1e-6
+    )
     assert places(path, t)[0] == 0.0 and abs(places(path, t)[-1] - 1.0) < 1e-15

@@ -46,7 +46,9 @@ def test_a_plan_under_a_constant_force_is_a_motion_of_the_robot(equations, monke
     for k in (0, -1):
         rest = hold_motors(pushed, path["q_m"][k], path["q_a"][k])
         np.testing.assert_allclose(path["q_a"][k], rest.q_a, atol=1e-9)
-    np.testing.assert_allclose(path["y_ref"][[0, -1]], flexgen.plan(equations).sample([0.0, 9.0]).y[:, :, 0], atol=1e-9)
+    np.testing.assert_allclose(
+        path["y_ref"][[0, -1]], flexgen.plan(equations).sample([0.0, 9.0]).y[:, :, 0], atol=1e-9
+    )
     right = PlanForce.of
     monkeypatch.setattr(PlanForce, "of", lambda self, s: -right(self, s))
     assert least_torque(equations).status == Status.TOLERANCE_NOT_MET  # planted: the other sign
@@ -71,7 +73,11 @@ def test_the_shortest_time_under_a_force_over_the_place(equations, monkeypatch):
     quick = flexgen.fastest(equations, limits=limits, force=pressing, progress=False)
     free = flexgen.fastest(equations, limits=limits, progress=False)
     ratio = shortest(equations, None).move.duration / free.duration_s
-    assert abs(found.move.duration / quick.duration_s - ratio) < 0.01 < abs(quick.duration_s / free.duration_s - 1)
+    assert (
+        abs(found.move.duration / quick.duration_s - ratio)
+        < 0.01
+        < abs(quick.duration_s / free.duration_s - 1)
+    )
     y = found.trajectory["y_ref"]
     place = np.linalg.norm(y - y[0], axis=1) / np.linalg.norm(y[-1] - y[0])
     np.testing.assert_allclose(found.trajectory["force"][:, :2], pressing(place), atol=0.2)

@@ -14,8 +14,12 @@ from flexgen.errors import ArgumentError
 
 MASS, STIFFNESS, RATIO, ROTOR = 80.0, 2e6, 300.0, 1e-3
 SIZE, DURATION = 150.0, 0.5
-ELASTIC = f'{{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {STIFFNESS} }} }}'
-GANTRY = one_axis("gantry", ELASTIC, mass=MASS, ratio=RATIO, rotor=ROTOR, way=0.3, duration=DURATION)
+ELASTIC = (
+    f'{{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {STIFFNESS} }} }}'
+)
+GANTRY = one_axis(
+    "gantry", ELASTIC, mass=MASS, ratio=RATIO, rotor=ROTOR, way=0.3, duration=DURATION
+)
 
 
 def pushing(t: np.ndarray) -> np.ndarray:
@@ -50,5 +54,7 @@ def bell() -> np.ndarray:
 def test_a_wrong_factor_of_the_assumed_force_is_named(tmp_path, factor):
     file = tmp_path / "gantry.toml"
     file.write_text(GANTRY)
-    with pytest.raises(ArgumentError, match=r"assumed_force: given .*, expected a finite number >= 0"):
+    with pytest.raises(
+        ArgumentError, match=r"assumed_force: given .*, expected a finite number >= 0"
+    ):
         flexgen.control(file, force=pushing, assumed_force=factor)

@@ -58,19 +58,32 @@ def drive(tmp_path: Any, gear: str = ELASTIC, **numbers: Any) -> flexgen.RobotMo
 
 
 @pytest.mark.parametrize("temperature", [-40.0, 20.0, 45.0])
-@pytest.mark.parametrize("changed", [{}, {"temperature_rise": 12.0, "reference_temperature": 30.0, "offset": 0.1}])
-def test_the_law_is_that_of_the_documentation(temperature: float, changed: dict[str, float]) -> None:
+@pytest.mark.parametrize(
+    "changed", [{}, {"temperature_rise": 12.0, "reference_temperature": 30.0, "offset": 0.1}]
+)
+def test_the_law_is_that_of_the_documentation(
+    temperature: float, changed: dict[str, float]
+) -> None:
     """At -40 degrees C Stribeck friction has fallen to zero and the Stribeck speed to its least."""
     function = flexgen.derive(loaded("elbow", temperature, **changed)).function("loaded_friction")
     v, load = (x.ravel() for x in np.meshgrid(SPEEDS, LOADS))
-    found = evaluate(function, np.column_stack([v, v]), np.column_stack([load, -load]))[0].reshape(-1, 2)
-    assert_allclose(found, np.column_stack([torque(v, load, temperature, **changed)] * 2), rtol=1e-13, atol=1e-15)
+    found = evaluate(function, np.column_stack([v, v]), np.column_stack([load, -load]))[0].reshape(
+        -1, 2
+    )
+    assert_allclose(
+        found,
+        np.column_stack([torque(v, load, temperature, **changed)] * 2),
+        rtol=1e-13,
+        atol=1e-15,
+    )
 
 
 def test_a_planted_error_of_the_law_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The magnitude of the torque taken with its sign."""
     true = force_laws._gear_friction
-    monkeypatch.setattr(force_laws, "_gear_friction", lambda law, w, load, warm: true(law, w, load + 1.0, warm))
+    monkeypatch.setattr(
+        force_laws, "_gear_friction", lambda law, w, load, warm: true(law, w, load + 1.0, warm)
+    )
     with pytest.raises(AssertionError):
         test_the_law_is_that_of_the_documentation(20.0, {})
 
@@ -115,7 +128,9 @@ def test_an_own_integrator_under_the_torques_follows_the_path(tmp_path: Any) -> 
             given = np.interp(t, times, torques)
             return [v, v_m, gear / 2.0, (given - gear / 10 - torque(v_m, share * gear / 10)) / 0.01]
 
-        found = solve_ivp(rate, (0.0, 0.5), [0.0] * 4, "Radau", rtol=1e-8, atol=1e-11, max_step=2e-3)
+        found = solve_ivp(
+            rate, (0.0, 0.5), [0.0] * 4, "Radau", rtol=1e-8, atol=1e-11, max_step=2e-3
+        )
         return abs(found.y[0, -1] - path.at([0.5])["q_a"][0, 0])
 
     assert last(1.0) < 1e-7 < 1e-3 < last(0.0)
@@ -126,7 +141,10 @@ def test_simulation_and_loop_have_the_friction() -> None:
     """Under the torques of solve; those of a robot without load miss its path."""
     robot, other = loaded("elbow"), loaded("elbow", load_coulomb=0.0, load_stribeck=0.0)
     known, unknown = (flexgen.solve(each, verify=False, progress=False) for each in (robot, other))
-    right, wrong = (flexgen.simulate(robot, x.trajectory, feedback="ppi").tool_error_max_m for x in (known, unknown))
+    right, wrong = (
+        flexgen.simulate(robot, x.trajectory, feedback="ppi").tool_error_max_m
+        for x in (known, unknown)
+    )
     assert right < 1e-9 < 1e-5 < wrong
     loop = [flexgen.control(robot, solution=each, progress=False) for each in (known, unknown)]
     errors = [run.distance(run.runs[0]).max() for run in loop]
@@ -142,7 +160,8 @@ def test_hysteresis_is_in_the_load(monkeypatch: pytest.MonkeyPatch) -> None:
     run = flexgen.control(robot, solution=solution, progress=False)
     assert run.distance(run.runs[0]).max() < 1e-9
     monkeypatch.setattr(hysteretic_rate, "friction_changes", lambda e, z: 0.0 * e.lagrangian.v_m)
-    again = loaded("elbow", lost_motion=3.0000001e-4)  # of another robot, whose rate is not known yet
+    # of another robot, whose rate is not known yet
+    again = loaded("elbow", lost_motion=3.0000001e-4)
     assert flexgen.simulate(again, solution.trajectory, feedback="ppi").tool_error_max_m > 1e-7
 
 
@@ -167,8 +186,14 @@ def test_energy_that_is_lost_is_that_of_the_friction() -> None:
     ("changes", "text"),
     [
         ({"motor.m1.friction": {"type": "gear", "load_coulomb": 0.1}}, "load_coulomb"),
-        ({"motor.m1.friction": {"type": "gear", "load_coulomb": 0.1, "beta": 1.0}}, "load_smoothing"),
-        ({"motor.m1.friction": {"type": "gear", "viscous_share": 1.1, "viscous_decay": 9.0}}, "at most 1|<= 1|1.1"),
+        (
+            {"motor.m1.friction": {"type": "gear", "load_coulomb": 0.1, "beta": 1.0}},
+            "load_smoothing",
+        ),
+        (
+            {"motor.m1.friction": {"type": "gear", "viscous_share": 1.1, "viscous_decay": 9.0}},
+            "at most 1|<= 1|1.1",
+        ),
         ({"motor.m1.friction": {"type": "gear", "viscous_share": 0.5}}, "viscous_decay"),
         ({"motor.m1.friction": {"type": "gear", "stribeck_slope": -1e-3, "beta": 1.0}}, "alpha"),
         ({"motor.m1.friction": {"load_coulomb": 0.1, "beta": 1.0}}, "load_coulomb"),
@@ -201,13 +226,17 @@ def test_temperature_alone_is_allowed_behind_rigid_gears(tmp_path: Any) -> None:
 def test_viscous_friction_alone_is_that_of_the_temperature() -> None:
     """As in an MJCF file; the slope of the law at high speed."""
     found = with_friction(loaded("elbow", 50.0), "viscous").motors[0].friction
-    assert found.viscous == pytest.approx((torque(3e3, 0.0, 50.0) - torque(2e3, 0.0, 50.0)) / 1e3, rel=1e-12)
+    assert found.viscous == pytest.approx(
+        (torque(3e3, 0.0, 50.0) - torque(2e3, 0.0, 50.0)) / 1e3, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
     "call",
     [
-        lambda robot: flexgen.solve(robot, limits=flexgen.Limits(torque=(90.0, 90.0)), method="full"),
+        lambda robot: flexgen.solve(
+            robot, limits=flexgen.Limits(torque=(90.0, 90.0)), method="full"
+        ),
         lambda robot: flexgen.derive(robot).function("motor_friction"),
         lambda robot: flexgen.generate(robot, functions=["motor_friction"]),
         lambda robot: flexgen.export_mujoco(robot, "never.xml", friction="viscous"),
@@ -215,7 +244,9 @@ def test_viscous_friction_alone_is_that_of_the_temperature() -> None:
         lambda robot: flexgen.CollisionDetector(robot, 1e-3),
     ],
 )
-def test_what_does_not_know_it_refuses_it(call: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_know_it_refuses_it(
+    call: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises((ArgumentError, BuildError), match=r"friction|load"):
         call(loaded("elbow"))
@@ -224,7 +255,10 @@ def test_what_does_not_know_it_refuses_it(call: Any, tmp_path: Any, monkeypatch:
 def test_the_ros_2_plugin_refuses_the_friction_of_velocities_alone(tmp_path: Any) -> None:
     flexgen.export_ros2(loaded("elbow"), tmp_path, controller=False)
     text = (tmp_path / "src" / "inverse_dynamics.cpp").read_text(encoding="ascii")
-    assert "motor m1 has a friction that depends on the torque of its gear" in text and "motor_friction" not in text
+    assert (
+        "motor m1 has a friction that depends on the torque of its gear" in text
+        and "motor_friction" not in text
+    )
 
 
 def test_a_description_has_table_and_temperature() -> None:

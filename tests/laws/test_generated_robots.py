@@ -32,7 +32,9 @@ except ModuleNotFoundError:
 ROBOTS = 40
 SOLVED = 0.98  # least share of the moves
 FOLDER = robots_folder()
-needs_robots = pytest.mark.skipif(FOLDER is None, reason="the Python package example-robot-data is not installed")
+needs_robots = pytest.mark.skipif(
+    FOLDER is None, reason="the Python package example-robot-data is not installed"
+)
 
 
 @needs_robots
@@ -57,7 +59,11 @@ def test_the_robots_cover_every_kind_of_element(tmp_path: Path) -> None:
     assert {kind_of(number)[1] for number in range(ROBOTS)} == set(KINDS)
     assert all(len(model.moves) == MOVES for model in models)
     assert {model.output.type for model in models} == {"tool_pose", "tool_position", "combination"}
-    assert {move.type for model in models for move in model.moves} == {"tool_line", "joint", "output_line"}
+    assert {move.type for model in models for move in model.moves} == {
+        "tool_line",
+        "joint",
+        "output_line",
+    }
     assert {0, 1, 2} <= {model.n_e for model in models}
     assert all(model.inversion_obstacle() is None for model in models)
 
@@ -71,20 +77,36 @@ def test_a_generated_robot_is_solved_and_confirmed(tmp_path: Path) -> None:
     trajectory = flexgen.solve(equations, "m1").trajectory
     assert holds(confirm(equations.model, trajectory))
     for name in ("tau_m", "q_a", "v_a", "q_m"):
-        wrong = {**trajectory.channels, name: trajectory[name] * np.where(trajectory.time > 0.1, 1.001, 1.0)[:, None]}
-        assert not holds(confirm(equations.model, dataclasses.replace(trajectory, channels=wrong))), name
-        wrong = {**wrong, name: trajectory[name] * np.where(trajectory.time > 0.1, 1.1, 1.0)[:, None]}
-        assert is_false(confirm(equations.model, dataclasses.replace(trajectory, channels=wrong))), name
+        wrong = {
+            **trajectory.channels,
+            name: trajectory[name] * np.where(trajectory.time > 0.1, 1.001, 1.0)[:, None],
+        }
+        assert not holds(
+            confirm(equations.model, dataclasses.replace(trajectory, channels=wrong))
+        ), name
+        wrong = {
+            **wrong,
+            name: trajectory[name] * np.where(trajectory.time > 0.1, 1.1, 1.0)[:, None],
+        }
+        assert is_false(
+            confirm(equations.model, dataclasses.replace(trajectory, channels=wrong))
+        ), name
 
 
 @needs_robots
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "move"), [(11, "m0"), (6, "m1"), (4, "m1")])
-def test_stated_errors_are_those_of_an_independent_simulation(number: int, move: str, tmp_path: Path) -> None:
+def test_stated_errors_are_those_of_an_independent_simulation(
+    number: int, move: str, tmp_path: Path
+) -> None:
     """With motor feedback (growth 5e3) and without; a torque that is 2 % off has a larger error."""
     assert FOLDER is not None
-    solution = flexgen.solve(flexgen.derive(generated_robot(number, FOLDER, tmp_path)), move, ignore_limits=True)
-    assert solution.simulation is not None and (solution.simulation.feedback is not None) == (number == 6)
+    solution = flexgen.solve(
+        flexgen.derive(generated_robot(number, FOLDER, tmp_path)), move, ignore_limits=True
+    )
+    assert solution.simulation is not None and (solution.simulation.feedback is not None) == (
+        number == 6
+    )
     assert false_claims(solution) == []
     off = {**solution.trajectory.channels, "tau_m": 1.02 * solution.trajectory["tau_m"]}
     wrong = simulated_error(solution, dataclasses.replace(solution.trajectory, channels=off))
@@ -115,9 +137,13 @@ def test_generated_robots() -> None:
     first, last = map(int, os.environ.get("FLEXGEN_ROBOTS", f"0-{ROBOTS}").split("-"))
     results = os.environ.get("FLEXGEN_ROBOTS_RESULTS")
     rows = run(first, last, Path(results) if results else None, MOVES)
-    named = [f"{row['robot']}/m{row['move']}: {row['outcome']} {row.get('reason', '')}" for row in rows]
+    named = [
+        f"{row['robot']}/m{row['move']}: {row['outcome']} {row.get('reason', '')}" for row in rows
+    ]
     bad = [
-        text for text, row in zip(named, rows, strict=True) if row["outcome"] in ("wrong", "doubted", "crash", "time")
+        text
+        for text, row in zip(named, rows, strict=True)
+        if row["outcome"] in ("wrong", "doubted", "crash", "time")
     ]
     assert len(rows) == MOVES * (last - first)
     assert not [text for text in bad if ": wrong" in text], bad
@@ -152,7 +178,9 @@ def test_moves_that_solve_verifies_have_status_ok_in_c(number: int, tmp_path: Pa
 
 @needs_robots
 @pytest.mark.slow
-def test_a_small_residual_does_not_hide_wrong_torques(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_residual_does_not_hide_wrong_torques(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where the reduced inertia is singular at a pose of the path; planted: a residual of 1e-8 is enough for OK."""
     assert FOLDER is not None
     model = read(generated_robot(82, FOLDER, tmp_path))

@@ -45,7 +45,9 @@ def with_samples(solution: flexgen.Solution, hold: Hold) -> TorqueCommand:
 
 def error_of(problem: tuple[Equations, flexgen.Solution], command: TorqueCommand) -> float:
     """Largest tool error [m] that the verification finds under a command."""
-    found = simulate(problem[0], problem[1].trajectory, held=AFTER, command=command).tool_error_max_m
+    found = simulate(
+        problem[0], problem[1].trajectory, held=AFTER, command=command
+    ).tool_error_max_m
     assert found is not None
     return found
 
@@ -68,7 +70,9 @@ def test_the_verified_error_is_confirmed_by_pinocchio(
     solution = planar[1]
     command = with_samples(solution, hold) if samples else torque_command(solution.trajectory, hold)
     claimed = error_of(planar, command)
-    assert claimed == pytest.approx(confirmed_error(solution, command, AFTER), rel=0.05, abs=MEASURABLE)
+    assert claimed == pytest.approx(
+        confirmed_error(solution, command, AFTER), rel=0.05, abs=MEASURABLE
+    )
 
 
 def test_a_held_sample_is_half_a_sample_late_and_the_values_to_send_are_not(
@@ -102,10 +106,14 @@ def test_means_and_chords_leave_errors_that_the_values_to_send_do_not(
     assert error_of(planar, command) < 20e-9
 
 
-def test_the_error_falls_with_the_fourth_power_of_the_sample_time(planar: tuple[Equations, flexgen.Solution]) -> None:
+def test_the_error_falls_with_the_fourth_power_of_the_sample_time(
+    planar: tuple[Equations, flexgen.Solution],
+) -> None:
     trajectory = planar[1].trajectory
     for kind in ("zoh", "linear"):
-        long, short = (error_of(planar, torque_command(trajectory, Hold(kind, s * T))) for s in (16, 8))
+        long, short = (
+            error_of(planar, torque_command(trajectory, Hold(kind, s * T))) for s in (16, 8)
+        )
         assert long / short > 10
 
 
@@ -116,7 +124,9 @@ def test_a_delay_shifts_the_ticks_and_not_the_torque_of_the_motors() -> None:
     for kind in ("zoh", "linear", "spline"):
         time, values = hold_torque(t, tau, kind, T)
         later, same = hold_torque(t, tau, kind, T, 3 * T)
-        assert later + 3 * T == pytest.approx(time, abs=1e-15) and same == pytest.approx(values, abs=1e-14)
+        assert later + 3 * T == pytest.approx(time, abs=1e-15) and same == pytest.approx(
+            values, abs=1e-14
+        )
         ticks, shifted = hold_torque(t, tau, kind, 2 * T, 0.7 * T)
         assert ticks / (2 * T) == pytest.approx(np.round(ticks / (2 * T)), abs=1e-12)
         assert ticks[0] + 0.7 * T <= t[0] < ticks[1] + 0.7 * T
@@ -133,12 +143,15 @@ def test_values_of_limited_torques_are_means_within_their_range() -> None:
     arrivals = time + 0.4 * T
     for k in range(len(time) - 1):
         a, b = arrivals[k : k + 2]
-        exact = quad(lambda s: min(200 * min(max(s, 0.0), 0.1), 7.03), a, b, points=[0.0, 0.03515, 0.1])[0] / (b - a)
+        exact = quad(
+            lambda s: min(200 * min(max(s, 0.0), 0.1), 7.03), a, b, points=[0.0, 0.03515, 0.1]
+        )[0] / (b - a)
         assert values[k, 0] == pytest.approx(exact, abs=5e-2 if a < 0.036 < b + T else 1e-9)
     for kind in ("zoh", "linear"):
         _, values = hold_torque(t, tau, kind, 3 * T, limited=True)
         assert values.max() <= tau.max() and values.min() >= tau.min()
-        both = hold_torque(t, np.hstack([tau, -2 * tau]), kind, 3 * T, limited=True)[1]  # each motor for itself
+        # each motor for itself
+        both = hold_torque(t, np.hstack([tau, -2 * tau]), kind, 3 * T, limited=True)[1]
         assert both == pytest.approx(np.hstack([values, -2 * values]), abs=1e-12)
 
 
@@ -158,7 +171,9 @@ def test_straight_lines_are_the_nearest_ones() -> None:
 def test_a_drive_that_gets_the_samples_exceeds_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the status is not "solved", and a warning has the error."""
 
-    def samples(t: np.ndarray, tau: np.ndarray, *arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+    def samples(
+        t: np.ndarray, tau: np.ndarray, *arguments: object, **options: object
+    ) -> tuple[np.ndarray, np.ndarray]:
         time, values = hold_torque(t, tau, *arguments, **options)  # type: ignore[arg-type]
         return time, make_interp_spline(t, tau, k=5)(np.clip(time, t[0], t[-1])) + 0 * values
 
@@ -177,10 +192,18 @@ def test_a_solution_has_the_command_and_its_error_in_figures_and_texts() -> None
     assert command.title() == "zero-order hold at 2 ms, delay 1 ms"
     found = {figure.key: figure for figure in solution.figures()}
     assert found["held_error_max_m"].value == run.tool_error_max_m > solution.tool_error_max_m  # type: ignore[operator]
-    assert found["held_error_max_m"].label == f"simulated tool error with {command.title()}, largest"
+    assert (
+        found["held_error_max_m"].label == f"simulated tool error with {command.title()}, largest"
+    )
     assert command.title() in str(solution) and command.title() in solution._repr_html_()
-    check_numbers("held", found=solution.to_dict(), held=run.trajectory["q_a"], tau=run.trajectory["tau_m"])
-    assert [solution.to_dict()[key] for key in ("hold", "sample_time_s", "delay_s")] == ["zoh", 2e-3, 1e-3]
+    check_numbers(
+        "held", found=solution.to_dict(), held=run.trajectory["q_a"], tau=run.trajectory["tau_m"]
+    )
+    assert [solution.to_dict()[key] for key in ("hold", "sample_time_s", "delay_s")] == [
+        "zoh",
+        2e-3,
+        1e-3,
+    ]
     assert (run.trajectory["tau_m"] == command.at(solution.trajectory.time)).all()
     default = flexgen.solve("planar5_nmp")
     assert default.torque_command is None and default.held_simulation is None
@@ -200,11 +223,20 @@ def test_an_unstable_open_loop_is_verified_under_feedback_with_its_hold() -> Non
 def test_invalid_holds_and_delays_are_refused(planar: tuple[Equations, flexgen.Solution]) -> None:
     for options, text in (
         ({"hold": "foh"}, "hold: given 'foh', expected one of spline, linear, zoh"),
-        ({"hold": "zoh", "sample_time": 0.0}, "sample_time: given 0.0, expected a positive time in s"),
+        (
+            {"hold": "zoh", "sample_time": 0.0},
+            "sample_time: given 0.0, expected a positive time in s",
+        ),
         ({"hold": "zoh", "sample_time": "1 ms"}, "sample_time: given '1 ms'"),
-        ({"hold": "zoh", "delay": -1e-3}, "delay: given -0.001, expected zero or a positive time in s"),
+        (
+            {"hold": "zoh", "delay": -1e-3},
+            "delay: given -0.001, expected zero or a positive time in s",
+        ),
         ({"hold": "zoh", "delay": np.nan}, "delay: given nan"),
-        ({"hold": "zoh", "sample_time": 1e-8}, "ticks, expected at most 1000000; take a longer sample time"),
+        (
+            {"hold": "zoh", "sample_time": 1e-8},
+            "ticks, expected at most 1000000; take a longer sample time",
+        ),
     ):
         with pytest.raises(ArgumentError, match=text):
             flexgen.solve(planar[0], verify=False, **options)  # type: ignore[arg-type]
@@ -219,15 +251,35 @@ def test_invalid_holds_and_delays_are_refused(planar: tuple[Equations, flexgen.S
             simulate(planar[0], planar[1].trajectory, command=wrong)
 
 
-def test_the_command_line_writes_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_writes_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "line.csv"
-    words = ["solve", "planar5_nmp", "--hold", "zoh", "--sample-time", "2e-3", "--delay", "1e-3", "--out", str(out)]
+    words = [
+        "solve",
+        "planar5_nmp",
+        "--hold",
+        "zoh",
+        "--sample-time",
+        "2e-3",
+        "--delay",
+        "1e-3",
+        "--out",
+        str(out),
+    ]
     assert main([*words, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     command = flexgen.Trajectory.load(tmp_path / "line_command.csv")
     assert data["torque_command"] == str(tmp_path / "line_command.csv") and data["hold"] == "zoh"
     assert 0 < data["held_error_max_m"] < 1e-8
-    assert command.meta["hold"] == "zoh" and command.meta["sample_time"] == 2e-3 and command.meta["delay"] == 1e-3
-    assert np.diff(command.time) == pytest.approx(2e-3) and command.columns() == ["tau_m[m1] N m", "tau_m[m2] N m"]
+    assert (
+        command.meta["hold"] == "zoh"
+        and command.meta["sample_time"] == 2e-3
+        and command.meta["delay"] == 1e-3
+    )
+    assert np.diff(command.time) == pytest.approx(2e-3) and command.columns() == [
+        "tau_m[m1] N m",
+        "tau_m[m2] N m",
+    ]
     assert main(["solve", "planar5_nmp", "--out", str(out)]) == 0
     assert "zero-order" not in capsys.readouterr().out

@@ -26,7 +26,11 @@ KEY = "element.upper.dof.q1.gear"
 
 
 def elbow(damping: float | None = None, **options: float) -> flexgen.RobotModel:
-    changed = {} if damping is None else {f"{KEY}.damping": damping, "element.fore.dof.q2.gear.damping": damping}
+    changed = (
+        {}
+        if damping is None
+        else {f"{KEY}.damping": damping, "element.fore.dof.q2.gear.damping": damping}
+    )
     return hysteretic("elbow", **options, **changed)
 
 
@@ -46,7 +50,9 @@ def cycles(t: np.ndarray, size: float) -> np.ndarray:
     return np.stack([one, -0.4 * one], axis=1)
 
 
-def reversals(model: flexgen.RobotModel, size: float, count: int) -> list[tuple[float, float, float]]:
+def reversals(
+    model: flexgen.RobotModel, size: float, count: int
+) -> list[tuple[float, float, float]]:
     """(p_r, z_r, s) of the branches of the first gear, undamped, whose torque turns at +-size in turns."""
     K, law = joint_stiffness(model)[0], gear_hysteresis(model)
     found = [(0.0, 0.0, 1.0)]
@@ -54,7 +60,12 @@ def reversals(model: flexgen.RobotModel, size: float, count: int) -> list[tuple[
         p_r, z_r, s = found[-1]
         numbers = p_r, z_r, s, law.stiffness[0], law.slip[0]
         turn = size * (-1.0) ** k
-        p = brentq(lambda x, n=numbers, end=turn: K * x + branch(x, *n) - end, -size / K * 2, size / K * 2, xtol=1e-18)
+        p = brentq(
+            lambda x, n=numbers, end=turn: K * x + branch(x, *n) - end,
+            -size / K * 2,
+            size / K * 2,
+            xtol=1e-18,
+        )
         found.append((p, branch(p, *numbers), -s))
     return found
 
@@ -69,7 +80,8 @@ def test_the_lost_motion_is_the_width_of_the_loop() -> None:
     tau = cycles(t, 40.0 * law.slip.max())
     p, z = hysteretic_deflections(flexgen.derive(model), t, tau)
     assert_allclose(K * p + z, tau[:, :, 0], rtol=0, atol=1e-9 * np.abs(tau[:, :, 0]).max())
-    assert_allclose(p[400, 0] - p[800, 0], ARCMIN, rtol=1e-9)  # torque zero at 0.1 s downwards, at 0.2 s upwards
+    # torque zero at 0.1 s downwards, at 0.2 s upwards
+    assert_allclose(p[400, 0] - p[800, 0], ARCMIN, rtol=1e-9)
 
 
 @pytest.mark.parametrize("size", [0.3, 3.0])
@@ -97,14 +109,20 @@ def test_damped_gears_follow_an_own_integrator(damping: float | None) -> None:
         r = (size * np.sin(2 * np.pi / PERIOD * at) ** 3 - K[0] * x[0] - x[1]) / D
         return [r, law.stiffness[0] * (r - abs(r) * x[1] / law.slip[0])]
 
-    found = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], "LSODA", t, rtol=1e-10, atol=[1e-14, 1e-9], max_step=1e-4)
-    rates, largest = np.array([rate(at, x)[0] for at, x in zip(t, found.y.T, strict=True)]), np.abs(dp[:, 0]).max()
+    found = solve_ivp(
+        rate, (0.0, t[-1]), [0.0, 0.0], "LSODA", t, rtol=1e-10, atol=[1e-14, 1e-9], max_step=1e-4
+    )
+    rates, largest = (
+        np.array([rate(at, x)[0] for at, x in zip(t, found.y.T, strict=True)]),
+        np.abs(dp[:, 0]).max(),
+    )
     assert_allclose(p[:, 0], found.y[0], rtol=0, atol=1e-7 * np.abs(p[:, 0]).max())
     assert_allclose(z[:, 0], found.y[1], rtol=0, atol=1e-6 * law.slip[0])
     assert_allclose(dp[:-3, 0], rates[:-3], rtol=0, atol=2e-3 * largest)  # bends at the reversals
     quiet = np.array([50, 350, 750, 1150, 1550])  # away from them
     impulses = [t[1] * (ddp[50:k, 0].sum() + (ddp[k, 0] - ddp[50, 0]) / 2) for k in quiet]
-    assert_allclose(impulses, rates[quiet] - rates[50], rtol=0, atol=3e-5 * largest)  # of the trapezoids
+    # of the trapezoids
+    assert_allclose(impulses, rates[quiet] - rates[50], rtol=0, atol=3e-5 * largest)
 
 
 @pytest.mark.slow
@@ -112,7 +130,9 @@ def test_the_law_along_deflections_is_that_of_the_stage() -> None:
     model, t = elbow(0.0), np.linspace(0.0, 0.45, 1801)  # reversals at samples
     law = gear_hysteresis(model)
     p, z = hysteretic_deflections(flexgen.derive(model), t, cycles(t, 3.0 * law.slip[0]))
-    assert_allclose(law_of.torque_along(gear_layers(model), p), z, rtol=0, atol=1e-6 * law.slip.max())
+    assert_allclose(
+        law_of.torque_along(gear_layers(model), p), z, rtol=0, atol=1e-6 * law.slip.max()
+    )
 
 
 @pytest.mark.slow
@@ -125,9 +145,12 @@ def test_a_cycle_loses_the_area_of_the_loop() -> None:
     dp = time_derivative(p, t[1])
     last = t >= t[-1] - PERIOD - 1e-9
     work = np.trapezoid(z[last, 0] * dp[last, 0], t[last])
-    a = brentq(lambda x: K * x + W * np.tanh(K_h * x / W) - 2.5 * W, 0.0, 5.0 * W / K)  # the closed loop is symmetric
+    # the closed loop is symmetric
+    a = brentq(lambda x: K * x + W * np.tanh(K_h * x / W) - 2.5 * W, 0.0, 5.0 * W / K)
     top = W * np.tanh(K_h * a / W)
-    area = quad(lambda x: branch(x, -a, -top, 1.0, K_h, W) - branch(x, a, top, -1.0, K_h, W), -a, a)[0]
+    area = quad(
+        lambda x: branch(x, -a, -top, 1.0, K_h, W) - branch(x, a, top, -1.0, K_h, W), -a, a
+    )[0]
     assert_allclose(work, area, rtol=1e-4)
 
 
@@ -138,7 +161,8 @@ def solved() -> flexgen.Solution:
 
 
 @pytest.mark.parametrize(
-    "planted", ["forgotten", *(pytest.param(x, marks=pytest.mark.slow) for x in ("sign", "no reversal"))]
+    "planted",
+    ["forgotten", *(pytest.param(x, marks=pytest.mark.slow) for x in ("sign", "no reversal"))],
 )
 def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulation integrates z itself: a wrong stage leaves more than a hundred times the error."""
@@ -159,7 +183,10 @@ def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.M
     try:
         wrong = flexgen.solve(model, verify=False, progress=False)
     except SolverError as error:  # refused: the torques are wrong, or the deflections do not exist
-        found = "does not satisfy the equations of motion", "no deflection of the gears carries their torques"
+        found = (
+            "does not satisfy the equations of motion",
+            "no deflection of the gears carries their torques",
+        )
         assert any(words in str(error) for words in found)
     else:
         assert flexgen.simulate(model, wrong.trajectory).tool_error_max_m > 1e-6
@@ -170,7 +197,8 @@ def test_the_simulation_balances_the_energy_and_is_without_hysteresis_as_before(
     assert plain.simulation is not None
     lossy = flexgen.simulate(elbow(), plain.trajectory)
     assert lossy.energy_error < 1e-9 and lossy.tool_error_max_m > 1e-5
-    assert 0.5 < lossy.defect_max_m / lossy.tool_error_max_m < 5.0  # the torques lack the hysteresis
+    # the torques lack the hysteresis
+    assert 0.5 < lossy.defect_max_m / lossy.tool_error_max_m < 5.0
     least = flexgen.simulate(elbow(lost_motion=1e-9), plain.trajectory)
     assert least.tool_error_max_m == pytest.approx(0.0, abs=1e-8)  # the lost motion times the reach
 
@@ -191,7 +219,9 @@ def test_the_torque_that_is_held_after_the_move_is_that_of_the_equilibrium() -> 
 def test_torques_that_no_deflection_carries_are_an_error() -> None:
     tau = np.zeros((3, 2, 3))
     tau[1, 0, 0] = np.nan
-    with pytest.raises(SolverError, match="hysteresis: no deflection of the gears carries their torques"):
+    with pytest.raises(
+        SolverError, match="hysteresis: no deflection of the gears carries their torques"
+    ):
         hysteretic_deflections(flexgen.derive(elbow()), np.array([0.0, 1e-3, 2e-3]), tau)
 
 
@@ -209,9 +239,13 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
         with pytest.raises(ArgumentError, match=told):
             call()
             pytest.fail(name)
-    with pytest.raises(ArgumentError, match="the gear of q1 has hysteresis, whose torque depends on the motion before"):
+    with pytest.raises(
+        ArgumentError,
+        match="the gear of q1 has hysteresis, whose torque depends on the motion before",
+    ):
         library_with(model, ["forward_dynamics"])
-    assert library_with(model, ["inverse_dynamics"]).functions.keys() == {"inverse_dynamics"}  # of the arm alone
+    # of the arm alone
+    assert library_with(model, ["inverse_dynamics"]).functions.keys() == {"inverse_dynamics"}
     again = flexgen.read(flexgen.export_urdf(model, tmp_path / "elbow.urdf").details["overlay"])
     assert gear_hysteresis(again).slip == pytest.approx(gear_hysteresis(model).slip)
 

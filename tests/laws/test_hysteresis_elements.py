@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hysteretic import ARCMIN, BENT, SLIPS, Element, Logistic, hysteretic, joint_stiffness, with_elements
+from hysteretic import (
+    ARCMIN,
+    BENT,
+    SLIPS,
+    Element,
+    Logistic,
+    hysteretic,
+    joint_stiffness,
+    with_elements,
+)
 from numpy.testing import assert_allclose
 from scipy.integrate import quad, simpson, solve_ivp
 from scipy.special import hyp2f1
@@ -30,7 +39,9 @@ LAWS = [(1.0, 0.3), (1.5, 0.0), (2.0, 0.5), (3.7, -0.4), (20.0, 0.0)]
 
 
 def elbow(elements: Sequence[Element], damping: float | None = 0.0) -> flexgen.RobotModel:
-    return with_elements("elbow", elements, **({} if damping is None else dict.fromkeys(DAMPINGS, damping)))
+    return with_elements(
+        "elbow", elements, **({} if damping is None else dict.fromkeys(DAMPINGS, damping))
+    )
 
 
 def torque(t: np.ndarray | float, size: float) -> Any:
@@ -59,7 +70,9 @@ def test_the_curve_is_the_hypergeometric_function(n: float, gamma: float) -> Non
     falls = -y * hyp2f1(1, 1 / n, 1 + 1 / n, -(1 - 2 * gamma) * y**n)
     assert_allclose(curve.at(grows), y, rtol=0, atol=3e-12)
     assert_allclose(curve.at(falls), -y, rtol=0, atol=3e-12)
-    assert_allclose(curve.path(np.concatenate([y, -y])), np.concatenate([grows, falls]), rtol=1e-8, atol=3e-12)
+    assert_allclose(
+        curve.path(np.concatenate([y, -y])), np.concatenate([grows, falls]), rtol=1e-8, atol=3e-12
+    )
     assert curve.at(np.array([1e9])) == pytest.approx(1.0, abs=1e-15)
 
 
@@ -85,7 +98,9 @@ def test_the_curve_of_a_law_of_another_package_is_its_solution() -> None:
         (lambda y: (1.0 - y) * (1.0 + 0.5 * np.abs(y - 0.3) - 0.15), "choose a smoother slope"),
     ],
 )
-def test_invalid_laws_of_other_packages_are_refused(slope, told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_laws_of_other_packages_are_refused(
+    slope, told, monkeypatch: pytest.MonkeyPatch
+) -> None:
     law.shape_of.cache_clear()
     law.curve_of.cache_clear()
     monkeypatch.setattr(Logistic, "slope", lambda self, y: slope(y))
@@ -109,7 +124,8 @@ def test_the_first_loading_is_an_integral(n: float, gamma: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("elements", "damping"), [(BENT, 9e3), *(pytest.param(x, 2e3, marks=pytest.mark.slow) for x in (SLIPS, BENT))]
+    ("elements", "damping"),
+    [(BENT, 9e3), *(pytest.param(x, 2e3, marks=pytest.mark.slow) for x in (SLIPS, BENT))],
 )
 def test_damped_gears_follow_an_own_integrator(elements: Sequence[Element], damping: float) -> None:
     """D p' = tau - K p - sum z and each z' in the form with beta, by a library's integrator."""
@@ -120,7 +136,15 @@ def test_damped_gears_follow_an_own_integrator(elements: Sequence[Element], damp
 
     def rate(at: float, x: np.ndarray) -> np.ndarray:
         r = (float(torque(at, size)) - K[0] * x[0] - x[1:].sum()) / D
-        return np.array([r, *(r * each.slope(z, np.sign(r), K[0]) for each, z in zip(elements, x[1:], strict=True))])
+        return np.array(
+            [
+                r,
+                *(
+                    r * each.slope(z, np.sign(r), K[0])
+                    for each, z in zip(elements, x[1:], strict=True)
+                ),
+            ]
+        )
 
     start, least = np.zeros(1 + len(layers)), np.array([1e-14] + [1e-9] * len(layers))
     found = solve_ivp(rate, (0.0, t[-1]), start, "LSODA", t, rtol=1e-10, atol=least, max_step=1e-4)
@@ -143,14 +167,17 @@ def test_sharp_elements_are_maxwell_slip_with_masings_loop() -> None:
     model = elbow([Element(each.lost, each.stiffness, 20.0) for each in SLIPS])
     layers = gear_layers(model)
     K_h, W = (np.array([getattr(x, name)[0] for x in layers]) for name in ("stiffness", "slip"))
-    way = np.concatenate([np.linspace(a, b, 1500) for a, b in ((0.0, 1.0), (1.0, -1.0), (-1.0, 0.2), (0.2, -1.0))])
+    way = np.concatenate(
+        [np.linspace(a, b, 1500) for a, b in ((0.0, 1.0), (1.0, -1.0), (-1.0, 0.2), (0.2, -1.0))]
+    )
     p = 1.2 * (W / K_h).max() * way
     z = torque_along(layers, np.stack([p, 0 * p], axis=1))[:, 0]
     assert_allclose(z, slips(p, K_h, W), rtol=0, atol=0.04 * W.sum())
     first, back = z[:1500], z[1500:3000]
     half = np.interp((p[1499] - p[1500:3000]) / 2, p[:1500], first)
     assert_allclose((z[1499] - back) / 2, half, rtol=0, atol=0.04 * W.sum())
-    assert z[-1] == pytest.approx(z[2999], abs=0.04 * W.sum())  # the small loop is closed and forgotten
+    # the small loop is closed and forgotten
+    assert z[-1] == pytest.approx(z[2999], abs=0.04 * W.sum())
 
 
 @pytest.mark.slow
@@ -162,14 +189,17 @@ def test_a_cycle_loses_the_area_of_the_loop(elements: Sequence[Element]) -> None
     a = 2e-4
     p = a * np.sin(np.linspace(0.0, 8 * np.pi, 16_001))
     z = torque_along(layers, np.stack([p, 0 * p], axis=1))[:, 0]
-    work = sum(simpson(z[k : k + 2001], x=p[k : k + 2001]) for k in (11_000, 13_000))  # from reversal to reversal
+    # from reversal to reversal
+    work = sum(simpson(z[k : k + 2001], x=p[k : k + 2001]) for k in (11_000, 13_000))
 
     def branch(start: np.ndarray, s: float, length: float = 2 * a) -> Any:
         def rate(_: float, x: np.ndarray) -> np.ndarray:
             slopes = [s * each.slope(z, s, K[0]) for each, z in zip(elements, x[:-1], strict=True)]
             return np.append(slopes, s * x[:-1].sum())
 
-        return solve_ivp(rate, (0.0, length), np.append(start, 0.0), "DOP853", rtol=1e-11, atol=1e-9).y[:, -1]
+        return solve_ivp(
+            rate, (0.0, length), np.append(start, 0.0), "DOP853", rtol=1e-11, atol=1e-9
+        ).y[:, -1]
 
     found = [branch(np.zeros(len(layers)), 1.0, a)]
     for k in range(7):
@@ -184,7 +214,8 @@ def solved() -> flexgen.Solution:
 
 
 @pytest.mark.parametrize(
-    "planted", ["one element", *(pytest.param(x, marks=pytest.mark.slow) for x in ("gamma", "exponent"))]
+    "planted",
+    ["one element", *(pytest.param(x, marks=pytest.mark.slow) for x in ("gamma", "exponent"))],
 )
 def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the stage alone: the simulation integrates the elements itself."""
@@ -209,14 +240,19 @@ def test_one_element_by_dahls_law_in_parts_is_the_whole() -> None:
     """Two elements of half the torque and half the stiffness have the bits of none of the others, but their motion."""
     whole, parts = elbow([Element(1.0, 0.8)]), elbow([Element(0.5, 0.4)] * 2)
     t = np.linspace(0.0, 0.3, 301)
-    found = [hysteretic_deflections(flexgen.derive(model), t, samples(t, 2e3)) for model in (whole, parts)]
+    found = [
+        hysteretic_deflections(flexgen.derive(model), t, samples(t, 2e3))
+        for model in (whole, parts)
+    ]
     for one, two in zip(*found, strict=True):
         assert_allclose(two, one, rtol=0, atol=1e-12 * np.abs(one).max())
 
 
 def test_a_list_of_one_table_is_the_table() -> None:
     table = {"lost_motion": 1e-4, "stiffness": 1e6}
-    one, listed = (flexgen.read("elbow", overrides={f"{KEY}.hysteresis": x}) for x in (table, [table]))
+    one, listed = (
+        flexgen.read("elbow", overrides={f"{KEY}.hysteresis": x}) for x in (table, [table])
+    )
     assert one.elements == listed.elements
 
 
@@ -243,7 +279,11 @@ def test_wrong_numbers_of_an_element_are_refused(given: dict[str, float], told: 
 
 def test_wrong_lists_are_refused() -> None:
     right = {"lost_motion": 1e-4, "stiffness": 1e6}
-    for wrong, told in (([], "a list of tables, not empty"), ([right] * 9, "at most 8 tables"), (3.0, "a table")):
+    for wrong, told in (
+        ([], "a list of tables, not empty"),
+        ([right] * 9, "at most 8 tables"),
+        (3.0, "a table"),
+    ):
         with pytest.raises(ModelError, match=told):
             flexgen.read("elbow", overrides={f"{KEY}.hysteresis": wrong})
 
@@ -253,8 +293,13 @@ def test_lost_motions_of_elements_are_numbers_of_the_model() -> None:
     from flexgen.mechanics.parameters import select, with_values
 
     model = elbow(SLIPS)
-    assert [p.name for p in select(model, ["q1.lost_motion"])] == [f"q1.lost_motion_{k}" for k in (1, 2, 3)]
-    assert len(select(model, ["lost_motion"])) == 6 and len(select(model, ["q2.hysteresis_stiffness"])) == 3
+    assert [p.name for p in select(model, ["q1.lost_motion"])] == [
+        f"q1.lost_motion_{k}" for k in (1, 2, 3)
+    ]
+    assert (
+        len(select(model, ["lost_motion"])) == 6
+        and len(select(model, ["q2.hysteresis_stiffness"])) == 3
+    )
     wide = with_values(model, {"q1.lost_motion_2": 0.6 * ARCMIN})
     before, after = (np.array([x.slip for x in gear_layers(each)]) for each in (model, wide))
     assert_allclose(after / before, [[1.0, 1.0], [2.0, 1.0], [1.0, 1.0]], rtol=1e-12)

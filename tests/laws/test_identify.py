@@ -10,7 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gear_friction import loaded
-from identification_cases import NOISY, another, exact_responses, poses_of, small_plan, without_coulomb
+from identification_cases import (
+    NOISY,
+    another,
+    exact_responses,
+    poses_of,
+    small_plan,
+    without_coulomb,
+)
 from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
@@ -40,14 +47,18 @@ def errors(found, true):
 
 
 # --- exact data -------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", ["planar5_nmp", "manutec_r3", pytest.param("manutec_r3_18", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp", "manutec_r3", pytest.param("manutec_r3_18", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("residual", ["nls", "lls"])
 def test_exact_responses_give_exact_parameters(name, residual):
     """From start values off by factors up to 3."""
     truth = without_coulomb(name)
     data = exact_responses(truth, poses_of(truth, 3), W, DRIVE)
     start = another(truth, 3, np.log(3.0))
-    found = flexgen.identify(start, data, free=FREE, residual=residual, starts=2, spread=1.5, progress=False)
+    found = flexgen.identify(
+        start, data, free=FREE, residual=residual, starts=2, spread=1.5, progress=False
+    )
     assert max(map(abs, errors(found, truth_of(truth)).values())) < 1e-6
     assert found.agreed == found.starts == 2 and found.cost < 1e-6
 
@@ -63,7 +74,12 @@ def test_delay_torque_constants_inertias_and_new_frictions_are_found():
     base = with_values(plain, {"m1.viscous": 0.0, "m2.viscous": 0.0})
     free = [*FREE, "m1.viscous", "m2.viscous", "m1.inertia", "delay", "m2.torque_constant"]
     found = flexgen.identify(
-        base, data, free=free, start={"m1.viscous": 5e-3, "m2.viscous": 5e-3}, starts=1, progress=False
+        base,
+        data,
+        free=free,
+        start={"m1.viscous": 5e-3, "m2.viscous": 5e-3},
+        starts=1,
+        progress=False,
     )
     for name, value in {**true, "delay": 1.3e-4, "m2.torque_constant": 0.97}.items():
         assert found.values[name] == pytest.approx(value, rel=1e-5), name
@@ -80,7 +96,8 @@ def test_a_wrong_model_is_a_model_error(bug):
     if bug == "transposed":
         data = replace(data, G=data.G.conj())  # a phase of the wrong sign
     if bug == "damper":
-        data = replace(data, G=data.G * (1 + 0.05j * np.eye(2)[0]))  # losses that no damper of the model has
+        # losses that no damper of the model has
+        data = replace(data, G=data.G * (1 + 0.05j * np.eye(2)[0]))
     if bug == "spring missing":
         stiff = {"q3.stiffness": 1e9, "q3.damping": 1e3}
         model = with_values(truth, stiff)
@@ -97,17 +114,24 @@ def test_under_a_model_error_no_standard_deviations_are_stated(fault, tmp_path):
     """The largest error is more than 10 formal deviations; result, report and model file state none."""
     truth = without_coulomb("planar5_nmp")
     last = truth.elements[-1]
-    robot = with_values(truth, {f"{last.name}.mass": 1.2 * last.body.mass}) if "mass" in fault else truth
+    robot = (
+        with_values(truth, {f"{last.name}.mass": 1.2 * last.body.mass})
+        if "mass" in fault
+        else truth
+    )
     data = exact_responses(robot, poses_of(truth, 3), W, DRIVE)
     if "sample" in fault:
-        data = replace(data, w=data.w / 1.01, G=data.G / 1.01**2)  # times 1.01 times as long as they are
+        # times 1.01 times as long as they are
+        data = replace(data, w=data.w / 1.01, G=data.G / 1.01**2)
     found = flexgen.identify(truth, data, free=FREE, starts=1, progress=False)
     assert found.status == FitStatus.MODEL_ERROR
     away = np.abs(list(errors(found, truth_of(truth)).values()))
     assert (away / np.sqrt(np.diag(found.formal_covariance))).max() > 10
     assert found.covariance is None and set(found.sd.values()) == {None}
     assert {row["sd"] for row in found.to_dict()["parameters"]} == {None}
-    cells = re.findall(r"stiffness</td><td[^>]*>[^<]*</td><td>[^<]*</td><td[^>]*>([^<]*)", _parameters(found))
+    cells = re.findall(
+        r"stiffness</td><td[^>]*>[^<]*</td><td>[^<]*</td><td[^>]*>([^<]*)", _parameters(found)
+    )
     assert cells == ["-"] * 3  # of the report
     old = tmp_path / "old.toml"  # whose comments are those of an earlier identification
     exact = flexgen.identify(
@@ -139,7 +163,9 @@ def test_parameters_that_the_data_do_not_show_are_reported_and_kept(tmp_path):
     tiny = with_values(truth, {"m1.viscous": 1e-9})
     data = exact_responses(tiny, poses_of(tiny, 2), W, DRIVE)
     found = flexgen.identify(tiny, data, free=[*FREE, "m1.viscous"], starts=1, progress=False)
-    assert found.is_weak("m1.viscous") and any(line.startswith("m1.viscous is not") for line in found.weak)
+    assert found.is_weak("m1.viscous") and any(
+        line.startswith("m1.viscous is not") for line in found.weak
+    )
     assert "m1.viscous" not in found.used()
     assert found.model.motors[0].friction.viscous == 1e-9
 
@@ -148,7 +174,9 @@ def test_parameters_that_the_data_do_not_show_are_reported_and_kept(tmp_path):
 def test_a_parameter_without_logarithm_is_weak_in_units_of_its_prior(scales, weak):
     """Information 1 of both: a standard deviation of 1, a factor e, or a quarter of the prior of 4."""
     vector = SimpleNamespace(
-        unknowns=[SimpleNamespace(scale=scale) for scale in scales], prior_sd=np.array([4.0, 1e-3]), names=("a", "b")
+        unknowns=[SimpleNamespace(scale=scale) for scale in scales],
+        prior_sd=np.array([4.0, 1e-3]),
+        names=("a", "b"),
     )
     lines = weak_directions(vector, np.diag([0.5, 0.5e8]))
     assert [line.startswith("a is not determined") for line in lines] == [True] * weak
@@ -159,12 +187,20 @@ def test_tied_parameters_keep_their_ratio():
     truth = without_coulomb("planar5_nmp")
     data = exact_responses(truth, poses_of(truth, 2), W, DRIVE)
     base = with_values(
-        truth, {"q1.damping": 2 * truth_of(truth)["q1.damping"], "q2.damping": 2 * truth_of(truth)["q2.damping"]}
+        truth,
+        {
+            "q1.damping": 2 * truth_of(truth)["q1.damping"],
+            "q2.damping": 2 * truth_of(truth)["q2.damping"],
+        },
     )
-    found = flexgen.identify(base, data, free=FREE, ties={"q2.damping": "q1.damping"}, starts=1, progress=False)
+    found = flexgen.identify(
+        base, data, free=FREE, ties={"q2.damping": "q1.damping"}, starts=1, progress=False
+    )
     named = found.vector.named(found.x)
     true = truth_of(truth)
-    assert named["q2.damping"] / named["q1.damping"] == pytest.approx(true["q2.damping"] / true["q1.damping"])
+    assert named["q2.damping"] / named["q1.damping"] == pytest.approx(
+        true["q2.damping"] / true["q1.damping"]
+    )
     assert named["q1.damping"] == pytest.approx(true["q1.damping"], rel=1e-6)
 
 
@@ -182,10 +218,14 @@ def test_an_experiment_gives_springs_within_their_standard_deviations(tmp_path):
     away = errors(found, truth_of(truth))
     assert max(abs(away[name]) / found.sd[name] for name in away) < 4
     assert max(abs(away[name]) for name in away if "stiffness" in name) < 5e-3
-    ratios = [found.sd[name] / plan.predicted[name] for name in away]  # predicted from the model, not from the truth
+    # predicted from the model, not from the truth
+    ratios = [found.sd[name] / plan.predicted[name] for name in away]
     assert 0.5 < np.median(ratios) < 2
     written = flexgen.read(found.write(tmp_path / "new.toml"))
-    assert written.elements == found.model.elements and written.motors[0].inertia == model.motors[0].inertia
+    assert (
+        written.elements == found.model.elements
+        and written.motors[0].inertia == model.motors[0].inertia
+    )
     hostile = replace(found, source="x)\n[payload]\nmass = 9.0 #").write(tmp_path / "hostile.toml")
     assert flexgen.read(hostile).payload == model.payload
     text = (tmp_path / "new.toml").read_text()
@@ -204,7 +244,12 @@ def test_standard_deviations_are_those_of_repeated_experiments(name, chains):
     model = without_coulomb(name)
     truth = another(model, 3)
     plan = flexgen.excite(
-        model, poses=8 if name == "manutec_r3_18" else 4, speed_rms=0.02, hardware=NOISY, seed=2, progress=False
+        model,
+        poses=8 if name == "manutec_r3_18" else 4,
+        speed_rms=0.02,
+        hardware=NOISY,
+        seed=2,
+        progress=False,
     )
     true, away, claimed, costs = truth_of(truth), [], [], []
     elementwise = []
@@ -257,7 +302,9 @@ def test_wrong_arguments_are_refused(exact, arguments, words):
 
 def test_channels_in_another_order_are_refused(exact):
     truth, data = exact
-    with pytest.raises(ArgumentError, match=r"data: given the motors m2, m1, expected m1, m2 in this order"):
+    with pytest.raises(
+        ArgumentError, match=r"data: given the motors m2, m1, expected m1, m2 in this order"
+    ):
         flexgen.identify(truth, replace(data, motors=("m2", "m1")), progress=False)
 
 
@@ -265,7 +312,9 @@ def test_a_variant_that_sets_an_identified_number_is_refused(tmp_path):
     model = flexgen.read("four_mass@high")
     data = exact_responses(model, np.zeros((1, 1)), W, DRIVE)
     found = flexgen.identify(model, data, free=["stiffness", "damping"], starts=1, progress=False)
-    with pytest.raises((ModelError, ArgumentError), match=r"a number that the variant .high. sets to another one"):
+    with pytest.raises(
+        (ModelError, ArgumentError), match=r"a number that the variant .high. sets to another one"
+    ):
         found.write(tmp_path / "new.toml")
 
 
@@ -275,17 +324,24 @@ def with_friction(name):
     model = flexgen.read(name)
     if any(motor.friction.coulomb for motor in model.motors):
         return model
-    return with_values(model, {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 1.0), ("beta", 2.0))})
+    return with_values(
+        model,
+        {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 1.0), ("beta", 2.0))},
+    )
 
 
 @pytest.mark.slow
 @needs_compiler
-@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.full)]
+)
 def test_coulomb_friction_is_found_in_the_time_domain(name):
     """Friction biases the frequency responses; the simulation of the experiment does not care."""
     model = with_friction(name)
     truth = another(model, 4, 0.2)
-    true = {f"{m.name}.coulomb": 1.2 * m.friction.coulomb for m in model.motors if m.friction.coulomb}
+    true = {
+        f"{m.name}.coulomb": 1.2 * m.friction.coulomb for m in model.motors if m.friction.coulomb
+    }
     truth = with_values(truth, true)
     drives = replace(NOISY, delay_s=1e-4)
     plan = small_plan(model, poses_of(model, 3), hardware=drives, periods=3, speed_rms=0.1)
@@ -304,7 +360,10 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     assert max(abs(away[name]) for name in true) < 0.02
     assert max(abs(away[name]) / fine.sd[name] for name in away) < 4.5
     assert 0.5 < fine.cost < 2.0 and fine.weights == "time domain"
-    checked, before = validate(fine, experiment), validate(replace(fine, x=fine.vector.start), experiment)
+    checked, before = (
+        validate(fine, experiment),
+        validate(replace(fine, x=fine.vector.start), experiment),
+    )
     assert min(checked.fit_percent) > 97 and 0.5 < checked.cost < 2.0 and max(checked.white) > 0.7
     assert before.cost > 5 * checked.cost and min(before.fit_percent) < min(checked.fit_percent)
 
@@ -314,14 +373,23 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
 def test_friction_of_the_load_is_found_and_missed_by_a_law_without_it():
     """0.08 in the robot, 0.05 in the file; a law that fades less with the speed fits to 0.1 %, without deviations."""
     plan = flexgen.excite(
-        loaded("elbow"), poses=3, period_s=2.0, lines=30, speed_rms=0.3, hardware=NOISY, seed=1, progress=False
+        loaded("elbow"),
+        poses=3,
+        period_s=2.0,
+        lines=30,
+        speed_rms=0.3,
+        hardware=NOISY,
+        seed=1,
+        progress=False,
     )
     experiment = flexgen.measure(plan, loaded("elbow"), progress=False)
     free = ["stiffness", "damping", "m1.load_coulomb", "m2.load_coulomb", "m2.coulomb", "m2.beta"]
     found = {}
     for fades in (0.04, 0.02):
         model = loaded("elbow", load_coulomb=0.05, load_stribeck=fades)
-        coarse = flexgen.identify(model, flexgen.frf(experiment), free=FREE, starts=1, progress=False)
+        coarse = flexgen.identify(
+            model, flexgen.frf(experiment), free=FREE, starts=1, progress=False
+        )
         found[fades] = flexgen.refine(coarse, experiment, free=free, progress=False)
     fine = found[0.04]
     assert fine.status == FitStatus.FITTED and 0.5 < fine.cost < 2.0
@@ -338,13 +406,19 @@ def test_a_wrong_mass_stays_a_model_error():
     model = without_coulomb("planar5_nmp")
     truth = another(model, 1, 0.15)
     mass = next(p.value for p in select(truth, ["arm3.mass"]))
-    plan = small_plan(model, poses_of(model, 2), hardware=NOISY, lines=20, period_s=1.0, periods=4, speed_rms=0.05)
-    experiment = flexgen.measure(plan, with_values(truth, {"arm3.mass": 1.015 * mass}), seed=1, progress=False)
+    plan = small_plan(
+        model, poses_of(model, 2), hardware=NOISY, lines=20, period_s=1.0, periods=4, speed_rms=0.05
+    )
+    experiment = flexgen.measure(
+        plan, with_values(truth, {"arm3.mass": 1.015 * mass}), seed=1, progress=False
+    )
     coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
     fine = flexgen.refine(coarse, experiment, progress=False)
     assert coarse.status == fine.status == FitStatus.MODEL_ERROR and fine.cost < 2.0
     formal = np.sqrt(np.diag(fine.formal_covariance))[fine.vector.names.index("q1.stiffness")]
-    assert abs(errors(fine, truth_of(truth, ["stiffness"]))["q1.stiffness"]) > 5 * formal and not any(fine.sd.values())
+    assert abs(
+        errors(fine, truth_of(truth, ["stiffness"]))["q1.stiffness"]
+    ) > 5 * formal and not any(fine.sd.values())
 
 
 @needs_compiler
@@ -357,17 +431,26 @@ def test_wrong_drive_gains_are_seen_in_the_cost_and_identified():
     coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
     fine = flexgen.refine(coarse, experiment, progress=False)
     wrong = replace(
-        experiment, plan=replace(plan, controller=replace(plan.controller, speed_gain=1.1 * plan.controller.speed_gain))
+        experiment,
+        plan=replace(
+            plan, controller=replace(plan.controller, speed_gain=1.1 * plan.controller.speed_gain)
+        ),
     )
     other = flexgen.refine(coarse, wrong, progress=False)
     assert other.cost > 2  # a drive that is not the one of the experiment is seen
     gains = flexgen.refine(coarse, wrong, free=[*fine.vector.names, "speed_gain"], progress=False)
     for motor, gain in zip(plan.motors, plan.controller.speed_gain, strict=True):
-        assert gains.values[f"{motor}.speed_gain"] == pytest.approx(gain, rel=5 * gains.sd[f"{motor}.speed_gain"])
+        assert gains.values[f"{motor}.speed_gain"] == pytest.approx(
+            gain, rel=5 * gains.sd[f"{motor}.speed_gain"]
+        )
         assert gains.sd[f"{motor}.speed_gain"] < 0.01
-    assert gains.cost < 2.0 and not {f"{motor}.speed_gain" for motor in plan.motors} & set(gains.used())
+    assert gains.cost < 2.0 and not {f"{motor}.speed_gain" for motor in plan.motors} & set(
+        gains.used()
+    )
     with pytest.raises(ArgumentError, match="which only 'refine' can fit"):
-        flexgen.identify(model, flexgen.frf(experiment), free=["stiffness", "speed_gain"], progress=False)
+        flexgen.identify(
+            model, flexgen.frf(experiment), free=["stiffness", "speed_gain"], progress=False
+        )
 
 
 @needs_compiler
@@ -377,7 +460,9 @@ def test_gears_with_low_and_high_stiffness():
     model = flexgen.read(str(ROBOTS / "two_smooth_gears.toml"))
     names = [f"{joint}.{kind}" for joint in ("q1", "q2") for kind in ("low", "high", "break_at")]
     true, rng = truth_of(model, names), np.random.default_rng(0)
-    friction = {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 0.3), ("beta", 0.5))}
+    friction = {
+        f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 0.3), ("beta", 0.5))
+    }
     for robot, speed in ((model, 0.003), (with_values(model, friction), 0.02)):
         drives = replace(NOISY, torque_noise_Nm=0.05)
         plan = flexgen.excite(
@@ -385,14 +470,18 @@ def test_gears_with_low_and_high_stiffness():
             transients=2, realizations=3, progress=False,
         )  # fmt: skip
         experiment = flexgen.measure(plan, robot, progress=False)
-        start = with_values(robot, {name: value * np.exp(rng.uniform(-0.3, 0.3)) for name, value in true.items()})
+        start = with_values(
+            robot, {name: value * np.exp(rng.uniform(-0.3, 0.3)) for name, value in true.items()}
+        )
         found = flexgen.identify(start, flexgen.frf(experiment), progress=False)
         if robot is model:  # small motion at poses that twist the gears by different amounts
             assert max(map(abs, errors(found, true).values())) < 0.03
             continue
         fine = flexgen.refine(found, experiment, progress=False)
         assert max(map(abs, errors(fine, true).values())) < 3e-3 and fine.status == FitStatus.FITTED
-        assert errors(fine, {"m1.coulomb": 0.3, "m2.coulomb": 0.3})["m1.coulomb"] == pytest.approx(0.0, abs=0.02)
+        assert errors(fine, {"m1.coulomb": 0.3, "m2.coulomb": 0.3})["m1.coulomb"] == pytest.approx(
+            0.0, abs=0.02
+        )
 
 
 @needs_compiler
@@ -410,10 +499,15 @@ def test_an_experiment_that_does_not_belong_to_the_fit_is_refused():
         flexgen.refine(found, experiment, free=["m1.inertia"], progress=False)
     # The simulation of the experiment: without noise, or with that of a seed.
     simulated = Simulated(ParameterVector(model, ["delay"]), experiment, [(0, 0, 0)])
-    quiet, one, other = (simulated.spectra(simulated.vector.start, noise=seed) for seed in (None, 1, 2))
+    quiet, one, other = (
+        simulated.spectra(simulated.vector.start, noise=seed) for seed in (None, 1, 2)
+    )
     check_numbers("spectra", quiet=quiet, one=one, measured=simulated.measured)
     noise = np.abs(one - other)
-    assert noise.min() > 0.0 and np.abs(quiet - simulated.measured).max() < 8 * noise.max() < np.abs(quiet).max()
+    assert (
+        noise.min() > 0.0
+        and np.abs(quiet - simulated.measured).max() < 8 * noise.max() < np.abs(quiet).max()
+    )
 
 
 # --- what it is worth -------------------------------------------------------------------------------------------------
@@ -424,7 +518,9 @@ def test_feedforward_with_the_identified_model_is_as_good_as_with_the_true_one()
     model = without_coulomb("planar5_nmp")
     truth = another(model, 7)
     plan = small_plan(model, poses_of(model, 4), hardware=NOISY, periods=4, period_s=4.0)
-    found = flexgen.identify(model, flexgen.frf(flexgen.measure(plan, truth, progress=False)), starts=1, progress=False)
+    found = flexgen.identify(
+        model, flexgen.frf(flexgen.measure(plan, truth, progress=False)), starts=1, progress=False
+    )
     known = found.verdict("line", truth=truth, progress=False)
     before, after, rigid = (known[name].error_m[0] for name in ("file", "identified", "rigid"))
     assert after < 30e-6 and before > 20 * after and rigid > before
@@ -447,9 +543,16 @@ def test_zeros_of_a_group_of_parameters_stay_zero():
 def test_the_drives_are_stable_where_little_inertia_follows_fast():
     """Springs next to massless motors: at high frequencies a motor moves little."""
     plan = flexgen.excite(
-        str(ROBOTS / "ur5_elastic.toml"), poses=1, lines=5, period_s=1.0, speed_rms=0.01, progress=False
+        str(ROBOTS / "ur5_elastic.toml"),
+        poses=1,
+        lines=5,
+        period_s=1.0,
+        speed_rms=0.01,
+        progress=False,
     )
     assert np.isfinite(flexgen.measure(plan, progress=False).tau_m).all()
-    wild = replace(plan, controller=replace(plan.controller, speed_gain=30 * plan.controller.speed_gain))
+    wild = replace(
+        plan, controller=replace(plan.controller, speed_gain=30 * plan.controller.speed_gain)
+    )
     with pytest.raises(SolverError, match="lower the gains"):
         flexgen.measure(wild, progress=False)

@@ -41,12 +41,20 @@ unit = "N"
 """
 
 
-def sensed(name: str, encoders: bool = False, payload: float = 20.0, **overrides: object) -> RobotModel:
+def sensed(
+    name: str, encoders: bool = False, payload: float = 20.0, **overrides: object
+) -> RobotModel:
     """The robot with a torque sensor at each joint, a wrench at the tool, and link encoders."""
     plain = without_coulomb(name)
     joints = [c for c in plain.coordinates if c.dof is not None]
     sensors: list[dict[str, object]] = [
-        {"name": f"t_{c.name}", "type": "joint_torque", "coordinate": c.name, "unit": "N m", "noise": 1.0}
+        {
+            "name": f"t_{c.name}",
+            "type": "joint_torque",
+            "coordinate": c.name,
+            "unit": "N m",
+            "noise": 1.0,
+        }
         for c in joints
     ]
     sensors.append(
@@ -62,10 +70,13 @@ def sensed(name: str, encoders: bool = False, payload: float = 20.0, **overrides
     )
     if encoders:
         sensors += [
-            {"name": f"e_{c.name}", "type": "link_encoder", "coordinate": c.name, "unit": "rad"} for c in joints
+            {"name": f"e_{c.name}", "type": "link_encoder", "coordinate": c.name, "unit": "rad"}
+            for c in joints
         ]
     no_coulomb = {f"motor.{m.name}.friction.coulomb": 0.0 for m in flexgen.read(name).motors}
-    return flexgen.read(name, overrides={"sensor": sensors, "payload": {"mass": payload}, **no_coulomb, **overrides})
+    return flexgen.read(
+        name, overrides={"sensor": sensors, "payload": {"mass": payload}, **no_coulomb, **overrides}
+    )
 
 
 def rubbing() -> RobotModel:
@@ -75,7 +86,9 @@ def rubbing() -> RobotModel:
 def test_derivatives_are_those_of_central_differences() -> None:
     """In springs, dampers, the payload and the friction of a joint, by which torques change directly too."""
     model = rubbing()
-    local = LocalModel(model, ["stiffness", "damping", "payload.mass", "q1.viscous", "q1.coulomb"], channels(model))
+    local = LocalModel(
+        model, ["stiffness", "damping", "payload.mass", "q1.viscous", "q1.coulomb"], channels(model)
+    )
     q_m = poses_of(model, 2, spread=0.2) @ model.eta.T
     given, drive = {"speed_sd": np.full(2, 3.0)}, Drive(5e-4, 2e-4, has_images=False)
     exact = local.response(local.values, q_m, W, drive, **given).dG
@@ -83,7 +96,13 @@ def test_derivatives_are_those_of_central_differences() -> None:
     for k, value in enumerate(local.values):
         step = 1e-4 * abs(value)
         up, down = (
-            local.response(local.values + s * step * (np.arange(len(local.values)) == k), q_m, W, drive, **given).G
+            local.response(
+                local.values + s * step * (np.arange(len(local.values)) == k),
+                q_m,
+                W,
+                drive,
+                **given,
+            ).G
             for s in (1.0, -1.0)
         )
         difference = np.abs((up - down) / (2 * step) - exact[..., k]).max(axis=(0, 1, 3))
@@ -107,7 +126,9 @@ def torques_by_springs(
 
 
 @pytest.mark.parametrize("planted", ["", "friction", "masses"])
-def test_torques_of_gears_are_those_of_their_springs(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torques_of_gears_are_those_of_their_springs(
+    planted: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """They follow from the motion of the arm; spring and damper of the gears are the other route."""
     model = rubbing()
     q_m = poses_of(model, 1, spread=0.2) @ model.eta.T
@@ -126,12 +147,18 @@ def test_torques_of_gears_are_those_of_their_springs(planted: str, monkeypatch: 
 
 def test_measured_responses_are_those_of_the_linear_model() -> None:
     model = sensed("planar5_nmp")
-    quiet = replace(model, sensors=tuple(replace(x, noise=0.0, moment_noise=None) for x in model.sensors))
+    quiet = replace(
+        model, sensors=tuple(replace(x, noise=0.0, moment_noise=None) for x in model.sensors)
+    )
     chosen = ["t_q1", "t_q2", "flange.fx", "flange.fy", "flange.mz"]
-    plan = flexgen.excite(quiet, poses=poses_of(quiet, 1), speed_rms=0.005, f_max=100.0, lines=12, sensors=chosen)
+    plan = flexgen.excite(
+        quiet, poses=poses_of(quiet, 1), speed_rms=0.005, f_max=100.0, lines=12, sensors=chosen
+    )
     found = flexgen.frf(flexgen.measure(plan, quiet))
     local = LocalModel(quiet, (), found.sensors)
-    exact = local.response(local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False).G
+    exact = local.response(
+        local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False
+    ).G
     assert found.outputs == ("m1", "m2", *chosen)
     worst = np.abs(found.G - exact).max(axis=(0, 1, 3)) / np.abs(exact).max(axis=(0, 1, 3))
     assert worst.max() < 2e-3
@@ -140,13 +167,23 @@ def test_measured_responses_are_those_of_the_linear_model() -> None:
 def test_the_payload_and_springs_are_found(tmp_path: Path) -> None:
     """With torques they are more accurate than with motors alone; errors are as large as stated."""
     names = ["stiffness", "damping", "payload.mass"]
-    truth = sensed("planar5_nmp", payload=23.0, **{"element.arm1.dof.q1.gear.spring.stiffness": 3.2e5})
+    truth = sensed(
+        "planar5_nmp", payload=23.0, **{"element.arm1.dof.q1.gear.spring.stiffness": 3.2e5}
+    )
     model, sd = sensed("planar5_nmp"), {}
     for sensors in ((), ("t_q1", "t_q2", "flange.fx", "flange.fy", "flange.mz")):
         plan = flexgen.excite(
-            model, poses=poses_of(model, 2), speed_rms=0.02, f_max=100.0, lines=24, hardware=NOISY, sensors=sensors
+            model,
+            poses=poses_of(model, 2),
+            speed_rms=0.02,
+            f_max=100.0,
+            lines=24,
+            hardware=NOISY,
+            sensors=sensors,
         )
-        found = flexgen.identify(model, flexgen.frf(flexgen.measure(plan, truth)), free=names, starts=1)
+        found = flexgen.identify(
+            model, flexgen.frf(flexgen.measure(plan, truth)), free=names, starts=1
+        )
         assert found.status == FitStatus.FITTED, str(found)
         for name, exact in (("payload.mass", 23.0), ("q1.stiffness", 3.2e5)):
             assert abs(np.log(found.values[name] / exact)) < 4 * found.sd[name]
@@ -162,24 +199,34 @@ def test_recordings_have_the_units_of_each_channel(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(Path(model.file).read_text() + SENSORS)
     robot = replace(model, sensors=flexgen.read(path).sensors, file=str(path))
-    plan = flexgen.excite(robot, poses=poses_of(robot, 1), speed_rms=0.02, f_max=50.0, lines=8, hardware=NOISY)
+    plan = flexgen.excite(
+        robot, poses=poses_of(robot, 1), speed_rms=0.02, f_max=50.0, lines=8, hardware=NOISY
+    )
     moving = tuple(name for name in channels(robot) if name not in ("flange.fz",))
     plan = replace(plan, model=str(path), sensors=moving)
     writer = RecordingWriter(tmp_path / "raw", plan, robot)
     first = flexgen.frf(flexgen.measure(plan, robot, raw=writer))
     written = writer.finish()
     second = flexgen.frf(read_experiment(written))
-    assert second.sensors == first.sensors == ("torque", *(f"flange.{x}" for x in ("fx", "fy", "mx", "my", "mz")))
+    assert (
+        second.sensors
+        == first.sensors
+        == ("torque", *(f"flange.{x}" for x in ("fx", "fy", "mx", "my", "mz")))
+    )
     assert np.abs(first.G - second.G).max() < 1e-9 * np.abs(first.G).max()
     text = Path(written).read_text()
     assert text.count('unit = "N m"') >= 4
     Path(written).write_text(
-        text.replace('"flange.fx"\nname = "s_2"\nunit = "N"', '"flange.fx"\nname = "s_2"\nunit = "kN"')
+        text.replace(
+            '"flange.fx"\nname = "s_2"\nunit = "N"', '"flange.fx"\nname = "s_2"\nunit = "kN"'
+        )
     )
     third = flexgen.frf(read_experiment(written))
     assert np.abs(third.G[:, :, 3] / second.G[:, :, 3] - 1e3).max() < 1e-6
     Path(written).write_text(
-        text.replace('"flange.mx"\nname = "s_4"\nunit = "N m"', '"flange.mx"\nname = "s_4"\nunit = "N"')
+        text.replace(
+            '"flange.mx"\nname = "s_4"\nunit = "N m"', '"flange.mx"\nname = "s_4"\nunit = "N"'
+        )
     )
     with pytest.raises(ModelError, match=r'given "N", expected one of "N m"'):
         read_experiment(written)

@@ -71,24 +71,40 @@ UNDAMPED = f'{{ type = "elastic", side = "arm", spring = {LAW}, damping = 0.0 }}
 
 def slide(folder: Path, gear: str) -> Any:
     path = folder / "slide.toml"
-    numbers = {"mass": MASS, "ratio": RATIO, "inertia": ROTOR / RATIO**2, "viscous": FRICTION / RATIO**2}
+    numbers = {
+        "mass": MASS,
+        "ratio": RATIO,
+        "inertia": ROTOR / RATIO**2,
+        "viscous": FRICTION / RATIO**2,
+    }
     path.write_text(SLIDE.format(gear=gear, **numbers))
     return flexgen.read(path)
 
 
 def checked(folder: Path, gear: str, K: float, B: float, delay: float = 0.0, **more: Any) -> Any:
     law = flexgen.Impedance(joint_stiffness=(K,), damping=(B,), **more)
-    return flexgen.check_passivity(flexgen.control(slide(folder, gear), controller=law, sample_time=T, delay=delay))
+    return flexgen.check_passivity(
+        flexgen.control(slide(folder, gear), controller=law, sample_time=T, delay=delay)
+    )
 
 
-CASES = [(1e5, 40.0, 0.0), (1e5, 60.0, 0.0), (1e3, 20.0, 0.0), (3e4, 30.0, T), (3e4, 90.0, T), (4.5e4, 20.0, 2 * T)]
+CASES = [
+    (1e5, 40.0, 0.0),
+    (1e5, 60.0, 0.0),
+    (1e3, 20.0, 0.0),
+    (3e4, 30.0, T),
+    (3e4, 90.0, T),
+    (4.5e4, 20.0, 2 * T),
+]
 
 
 def bound(K: float, B: float, delay: float) -> float:
     """Friction less what Colgate and Schenkel demand of a mass under a law with this stiffness and damping."""
     theta = np.geomspace(2 * np.pi * 0.1 * T, np.pi, 20001)
     law = (K + B / T * (1 - np.exp(-1j * theta))) * np.exp(-1j * theta * delay / T)
-    return float((FRICTION - T / 2 / (1 - np.cos(theta)) * np.real((1 - np.exp(-1j * theta)) * law)).min())
+    return float(
+        (FRICTION - T / 2 / (1 - np.cos(theta)) * np.real((1 - np.exp(-1j * theta)) * law)).min()
+    )
 
 
 @pytest.mark.parametrize(("K", "B", "delay"), CASES)
@@ -103,14 +119,20 @@ def test_the_margin_of_a_mass_is_the_bound_of_colgate_and_schenkel(
 
 
 @pytest.mark.slow
-def test_a_delay_that_the_check_forgets_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_delay_that_the_check_forgets_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = LoopAtPose.__init__
-    monkeypatch.setattr(LoopAtPose, "__init__", lambda self, m, c, h, delay, late=None: real(self, m, c, h, 0.0))
+    monkeypatch.setattr(
+        LoopAtPose, "__init__", lambda self, m, c, h, delay, late=None: real(self, m, c, h, 0.0)
+    )
     found = checked(tmp_path, RIGID, 4.5e4, 20.0, 2 * T)
     assert abs(found.margin - bound(4.5e4, 20.0, 2 * T)) > 10
 
 
-def lifted(w: float, K: float, B: float, k_t: float, delay: float, n: int, damper: float = DAMPER) -> float:
+def lifted(
+    w: float, K: float, B: float, k_t: float, delay: float, n: int, damper: float = DAMPER
+) -> float:
     """``mu`` of the elastic slide by hand: impedances of carriage, gear and rotor at the frequencies w + k w_s."""
     s = 1j * (w + 2 * np.pi / T * np.arange(-n, n))
     hold = (1 - np.exp(-s * T)) / s * np.exp(-s * delay)
@@ -127,12 +149,17 @@ def lifted(w: float, K: float, B: float, k_t: float, delay: float, n: int, dampe
 
 @pytest.mark.parametrize("k_t", [0.0, 0.1])
 @pytest.mark.parametrize("delay", [0.0, 0.4 * T])
-def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(k_t: float, delay: float, tmp_path: Path) -> None:
+def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(
+    k_t: float, delay: float, tmp_path: Path
+) -> None:
     K, B, damper = 2e4, 30.0, 0.0 if k_t else DAMPER
     found = checked(tmp_path, UNDAMPED if k_t else ELASTIC, K, B, delay, torque_gain=k_t)
     at = slice(None, None, 13)
     w, n = 2 * np.pi * found.hz[at], passivity.ALIASES
-    known = [2 * lifted(x, K, B, k_t, delay, n, damper) - lifted(x, K, B, k_t, delay, n // 2, damper) for x in w]
+    known = [
+        2 * lifted(x, K, B, k_t, delay, n, damper) - lifted(x, K, B, k_t, delay, n // 2, damper)
+        for x in w
+    ]
     size = np.abs(known).max()
     assert found.margins[0, at] == pytest.approx(np.array(known), abs=2e-3 * size)
     if k_t:
@@ -140,30 +167,50 @@ def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(k_t: float, de
         assert np.abs(found.margins[0, at] - turned).max() > 0.02 * size
 
 
-def test_torque_feedback_behind_a_damped_gear_is_refused_since_it_is_never_passive(tmp_path: Path) -> None:
+def test_torque_feedback_behind_a_damped_gear_is_refused_since_it_is_never_passive(
+    tmp_path: Path,
+) -> None:
     """The torque has a part of the speed of the tool: with each alias the least damping falls, without end."""
     least = [lifted(2 * np.pi * 300.0, 2e4, 30.0, 0.3, 0.0, n) for n in (20, 80, 320)]
     assert least[2] < least[1] - 50 < least[0] - 100 and least[2] < 0.0
-    with pytest.raises(ArgumentError, match="uses push, which a force on the tool changes as fast as a speed"):
+    with pytest.raises(
+        ArgumentError, match="uses push, which a force on the tool changes as fast as a speed"
+    ):
         checked(tmp_path, ELASTIC, 2e4, 30.0, torque_gain=0.3)
     with pytest.raises(ArgumentError, match="uses push, which a force on the tool changes at once"):
-        law = flexgen.Linear(*(np.array([x]) for x in ([[0.0]], [[0.0, 0.0]], [[0.0]], [[1.0, 1e-4]])))
-        flexgen.check_passivity(flexgen.control(slide(tmp_path, RIGID), controller=law, sample_time=T))
+        law = flexgen.Linear(
+            *(np.array([x]) for x in ([[0.0]], [[0.0, 0.0]], [[0.0]], [[1.0, 1e-4]]))
+        )
+        flexgen.check_passivity(
+            flexgen.control(slide(tmp_path, RIGID), controller=law, sample_time=T)
+        )
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sensor.push.delay_s": T}, r"sensor push: given delay_s = 0\.001 s, expected ones without delay"),
-        ({"element.carriage.dof.q1.gear": {"type": "rigid"}}, "signal push, which a motor torque changes at once"),
+        (
+            {"sensor.push.delay_s": T},
+            r"sensor push: given delay_s = 0\.001 s, expected ones without delay",
+        ),
+        (
+            {"element.carriage.dof.q1.gear": {"type": "rigid"}},
+            "signal push, which a motor torque changes at once",
+        ),
     ],
 )
-def test_lqg_refuses_sensors_that_its_filter_does_not_know(change: Any, message: str, tmp_path: Path) -> None:
+def test_lqg_refuses_sensors_that_its_filter_does_not_know(
+    change: Any, message: str, tmp_path: Path
+) -> None:
     slide(tmp_path, ELASTIC)
     model = flexgen.read(tmp_path / "slide.toml", overrides=change)
     with pytest.raises(ArgumentError, match=message):
         flexgen.control(model, controller=flexgen.LQG(), sample_time=T)
-    assert flexgen.control(model, controller=flexgen.LQG(sensors=False), sample_time=T).margins()["end"].stable
+    assert (
+        flexgen.control(model, controller=flexgen.LQG(sensors=False), sample_time=T)
+        .margins()["end"]
+        .stable
+    )
 
 
 @pytest.mark.slow
@@ -174,7 +221,8 @@ def test_a_passive_loop_is_stable_at_every_spring_and_another_is_not(tmp_path: P
         run = flexgen.control(slide(tmp_path, RIGID), controller=law, sample_time=T)
         loop = run.loops()["end"]
         sizes = []
-        for stiffness in np.geomspace(1e2, 2e8, 200):  # a wall that is touched: on the carriage and the rotor
+        # a wall that is touched: on the carriage and the rotor
+        for stiffness in np.geomspace(1e2, 2e8, 200):
             A = loop.model.A.copy()
             A[1, 0] -= stiffness / (MASS + ROTOR)
             touched = type(loop.model)(**{**vars(loop.model), "A": A})
@@ -188,8 +236,12 @@ def test_a_passive_loop_is_stable_at_every_spring_and_another_is_not(tmp_path: P
 
 def sensed(**more: Any) -> Any:
     joints = ("q1", "q2")
-    sensors = [{"name": f"t_{q}", "type": "joint_torque", "coordinate": q, "unit": "N m"} for q in joints]
-    return flexgen.read("planar5_nmp", overrides={"sensor": sensors, "gravity": [0.0, 0.0, 0.0], **more})
+    sensors = [
+        {"name": f"t_{q}", "type": "joint_torque", "coordinate": q, "unit": "N m"} for q in joints
+    ]
+    return flexgen.read(
+        "planar5_nmp", overrides={"sensor": sensors, "gravity": [0.0, 0.0, 0.0], **more}
+    )
 
 
 @pytest.mark.parametrize("k_t", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
@@ -202,7 +254,9 @@ def test_the_tool_gives_way_as_a_spring_of_the_stated_stiffness(k_t: float) -> N
         run = flexgen.control(model, "line", controller=law, disturbances=pushed, sample_time=5e-4)
         if not pushed:
             free = run.nominal.q_m[-1]
-    J = np.array(flexgen.derive(model).function("jacobian")(run.reference.motion["q_a"][-1]))[:3, :2]
+    J = np.array(flexgen.derive(model).function("jacobian")(run.reference.motion["q_a"][-1]))[
+        :3, :2
+    ]
     moved = J @ np.linalg.inv(model.eta) @ (run.nominal.q_m[-1] - free)
     assert moved[:2] == pytest.approx([20.0 / K[0], 20.0 / K[1]], rel=0.01)
 
@@ -211,8 +265,13 @@ def test_a_file_of_the_law_is_the_law(tmp_path: Path) -> None:
     path = tmp_path / "soft.toml"
     path.write_text('type = "impedance"\njoint_stiffness = [1e6, 5e5]\ndamping_ratio = 1.0\n')
     law = flexgen.Impedance(joint_stiffness=(1e6, 5e5), damping_ratio=1.0)
-    runs = [flexgen.control("planar5_nmp", controller=each, sample_time=1e-3) for each in (str(path), law)]
-    assert (runs[0].nominal.q_a == runs[1].nominal.q_a).all() and runs[1].controller == "impedance at the joints"
+    runs = [
+        flexgen.control("planar5_nmp", controller=each, sample_time=1e-3)
+        for each in (str(path), law)
+    ]
+    assert (runs[0].nominal.q_a == runs[1].nominal.q_a).all() and runs[
+        1
+    ].controller == "impedance at the joints"
 
 
 def test_joint_stiffness_and_damping_are_those_of_the_motors() -> None:
@@ -240,7 +299,9 @@ def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs(gain: float)
     M = LocalDynamics(equations).matrices(motion, np.zeros(0))[0][0]
     with_motors = np.vstack([np.eye(2), model.eta])  # joints that move their motors
     inertia = with_motors.T @ M @ with_motors
-    assert model.eta.T @ K @ model.eta == pytest.approx((14 * np.pi) ** 2 * np.diag(np.diag(inertia)), rel=1e-9)
+    assert model.eta.T @ K @ model.eta == pytest.approx(
+        (14 * np.pi) ** 2 * np.diag(np.diag(inertia)), rel=1e-9
+    )
     inverse = np.linalg.inv(model.eta)
     rotors = np.diag([motor.inertia for motor in model.motors])
     values, vectors = eigh(K, inverse.T @ inertia @ inverse - rotors + rotors / (1.0 + gain))
@@ -252,21 +313,32 @@ def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs(gain: float)
     ("given", "text"),
     [
         ({"tool_stiffness": (1.0, 2.0)}, "tool_stiffness: given 2 numbers"),
-        ({"tool_stiffness": (1.0,) * 3, "joint_stiffness": (1.0,)}, "joint_stiffness: given with tool_stiffness"),
+        (
+            {"tool_stiffness": (1.0,) * 3, "joint_stiffness": (1.0,)},
+            "joint_stiffness: given with tool_stiffness",
+        ),
         ({"joint_stiffness": (-1.0,)}, "joint_stiffness: given"),
         ({"damping": (1.0,)}, "damping: given 1 numbers, expected none"),
         ({"damping_ratio": 0.0}, "damping_ratio: given 0.0"),
         ({"torque_gain": -0.1}, "torque_gain: given -0.1"),
         ({"torque_gain": 100.1}, "torque_gain: given 100.1, expected 0 to 100"),
         ({"tool_stiffness": (1.0,) * 7}, "tool_stiffness: given 7 numbers, expected 3"),
-        ({"frequency_hz": 1.001e5}, "frequency_hz: given 100100.0, expected more than 0, at most 1e5"),
-        ({"tool_stiffness": (1.0,) * 6, "damping": (1.0,) * 3}, "damping: given 3 numbers, expected 6 numbers"),
+        (
+            {"frequency_hz": 1.001e5},
+            "frequency_hz: given 100100.0, expected more than 0, at most 1e5",
+        ),
+        (
+            {"tool_stiffness": (1.0,) * 6, "damping": (1.0,) * 3},
+            "damping: given 3 numbers, expected 6 numbers",
+        ),
     ],
 )
 def test_wrong_numbers_are_refused(given: dict[str, Any], text: str) -> None:
     with pytest.raises(ArgumentError, match=text):
         flexgen.Impedance(**given)
-    made = flexgen.Impedance(tool_stiffness=(1.0,) * 6, damping=(0.0,) * 6, torque_gain=100, frequency_hz=1e5)
+    made = flexgen.Impedance(
+        tool_stiffness=(1.0,) * 6, damping=(0.0,) * 6, torque_gain=100, frequency_hz=1e5
+    )
     assert made.title == "impedance at the tool, torque feedback 100"
     assert flexgen.Impedance(joint_stiffness=(0.0,)).title == "impedance at the joints"
 
@@ -275,9 +347,17 @@ def test_wrong_numbers_are_refused(given: dict[str, Any], text: str) -> None:
     ("name", "law", "text"),
     [
         ("planar5_nmp", {"torque_gain": 0.5}, "without a sensor of type joint_torque"),
-        ("planar5_nmp", {"joint_stiffness": (1e6,)}, "joint_stiffness: given 1 numbers, expected 2"),
+        (
+            "planar5_nmp",
+            {"joint_stiffness": (1e6,)},
+            "joint_stiffness: given 1 numbers, expected 2",
+        ),
         ("planar5_nmp", {"tool_stiffness": (1e4, 0.0, 0.0)}, "leaves a motion of the motors free"),
-        ("planar5_nmp", {"joint_stiffness": (1e10, 1e10)}, "the sampled loop is unstable at 0.5 ms"),
+        (
+            "planar5_nmp",
+            {"joint_stiffness": (1e10, 1e10)},
+            "the sampled loop is unstable at 0.5 ms",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(name: str, law: dict[str, Any], text: str) -> None:
@@ -292,10 +372,20 @@ def test_loops_that_cannot_be_checked_are_refused() -> None:
         flexgen.check_passivity(run)
     with pytest.raises(ArgumentError, match="low_hz: given 0"):
         flexgen.check_passivity(flexgen.control("elbow"), low_hz=0.0)
-    tool = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.01}
+    tool = {
+        "name": "acc",
+        "type": "accelerometer",
+        "element": "tool",
+        "unit": "m/s^2",
+        "noise": 0.01,
+    }
     model = flexgen.read("planar5_nmp", overrides={"sensor": [tool]})
-    with pytest.raises(ArgumentError, match=r"uses acc\.[xy], which a force on the tool changes at once"):
-        flexgen.check_passivity(flexgen.control(model, controller=flexgen.LQG(rho=100.0), sample_time=1e-3))
+    with pytest.raises(
+        ArgumentError, match=r"uses acc\.[xy], which a force on the tool changes at once"
+    ):
+        flexgen.check_passivity(
+            flexgen.control(model, controller=flexgen.LQG(rho=100.0), sample_time=1e-3)
+        )
 
 
 def stepped(loop: LoopAtPose, push: np.ndarray, out: np.ndarray, hz: float, steps: int) -> float:

@@ -71,7 +71,9 @@ class Loop:
         for seed in range(draws):
             fit = self.residuals.on(change(self.responses(np.random.default_rng(seed))))
             fit.use_structure(start)
-            found = minimize(fit.sums, fit.cost, start, start, self.vector.prior_sd, self.vector.bounds)
+            found = minimize(
+                fit.sums, fit.cost, start, start, self.vector.prior_sd, self.vector.bounds
+            )
             assert found.converged
             out.append((found.x - start) / np.sqrt(np.diag(fit.covariance(found.x, found.A))))
         return np.array(out)
@@ -99,7 +101,9 @@ def test_planted_weights_with_the_noise_of_the_loop_are_seen(loop: Loop) -> None
     assert inside(loop.errors(lambda data: replace(data, noise_UU=None, noise_YU=None))) < LEAST
 
 
-def test_what_noise_of_the_torques_hides_has_a_large_deviation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_noise_of_the_torques_hides_has_a_large_deviation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Ten times the noise; planted: its part of the information counts as all other."""
     loud = Loop(10 * TORQUE)
     assert np.abs(loud.errors(draws=3)).max() < 4.0

@@ -39,11 +39,16 @@ def check(model, count: int, counts: set[int] | None, seed: int = 0) -> None:
         full[list(model.i_g)] = q
         p, R = solver.library.forward_kinematics(full)
         found = solver.solve(np.concatenate([p, np.asarray(R).ravel()]))
-        assert min(np.abs(np.remainder(x - q + np.pi, 2 * np.pi) - np.pi).max() for x in found) < 1e-6
+        assert (
+            min(np.abs(np.remainder(x - q + np.pi, 2 * np.pi) - np.pi).max() for x in found) < 1e-6
+        )
         for x in found:
             full[list(model.i_g)] = x
             again, turned = solver.library.forward_kinematics(full)
-            assert np.abs(again - p).max() < 1e-12 * max(1, solver.length) * 2 and np.abs(turned - R).max() < 2e-12
+            assert (
+                np.abs(again - p).max() < 1e-12 * max(1, solver.length) * 2
+                and np.abs(turned - R).max() < 2e-12
+            )
         if counts is not None:
             assert len(found) in counts, len(found)
 
@@ -73,8 +78,16 @@ def general_arm(seed: int):
             "body = { mass = 1.0, inertia = [0.1, 0.1, 0.1] }\n"
             f'[[element.dof]]\nname = "q{k}"\ntype = "rotation"\naxis = {axis.tolist()}\ngear = {{ type = "rigid" }}\n'
         )
-    motors = "".join(f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-4\n' for k in range(6))
-    return text + "".join(elements) + motors + '[tool]\nposition = [0.1, 0.05, 0.2]\n[output]\ntype = "tool_pose"\n'
+    motors = "".join(
+        f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-4\n'
+        for k in range(6)
+    )
+    return (
+        text
+        + "".join(elements)
+        + motors
+        + '[tool]\nposition = [0.1, 0.05, 0.2]\n[output]\ntype = "tool_pose"\n'
+    )
 
 
 @pytest.mark.slow
@@ -112,7 +125,10 @@ def test_eight_configurations_have_eight_flags(name):
         p, R = solver.library.forward_kinematics(full)
         found = flexgen.kinematics(model, p, R)
         for c in found:
-            ratios.append(np.linalg.det(np.asarray(solver.library.jacobian(c.q))) / np.prod(list(c.parts.values())))
+            ratios.append(
+                np.linalg.det(np.asarray(solver.library.jacobian(c.q)))
+                / np.prod(list(c.parts.values()))
+            )
         if len(found) == 8:
             eights += 1
             assert len({c.flags for c in found}) == 8
@@ -132,7 +148,9 @@ def test_the_elastic_robot_reaches_the_pose_at_rest():
     library = _solver(model, ()).library
     p, R = library.forward_kinematics(full)
     plain = flexgen.kinematics(model, p, R)[0]
-    sagging = min(flexgen.kinematics(model, p, R, sag=True), key=lambda c: np.abs(c.q - plain.q).max())
+    sagging = min(
+        flexgen.kinematics(model, p, R, sag=True), key=lambda c: np.abs(c.q - plain.q).max()
+    )
     assert 1e-5 < np.abs(sagging.q - plain.q).max() < 0.05
     rest, _ = LocalDynamics(derive(model)).rest(model.eta @ sagging.q, np.zeros(0), full)
     again, turned = library.forward_kinematics(rest)
@@ -162,7 +180,24 @@ def test_arms_without_six_free_joints_are_refused():
 
 
 def test_kinematics_on_the_command_line(capsys):
-    assert main(["kinematics", "manutec_r3", "-q", "--joints", "0.3", "-1.1", "1", "0.4", "0.8", "-0.2", "--json"]) == 0
+    assert (
+        main(
+            [
+                "kinematics",
+                "manutec_r3",
+                "-q",
+                "--joints",
+                "0.3",
+                "-1.1",
+                "1",
+                "0.4",
+                "0.8",
+                "-0.2",
+                "--json",
+            ]
+        )
+        == 0
+    )
     data = json.loads(capsys.readouterr().out)
     assert len(data["configurations"]) == 8
     p = [repr(x) for x in data["position_m"]]

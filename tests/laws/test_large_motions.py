@@ -25,8 +25,21 @@ from flexgen.mechanics.equations import derive
 
 LITTLE = DriveHardware(5e-4, encoder_noise_rad=3e-6, torque_noise_Nm=1e-4)
 SENSORS = [
-    {"name": "acc", "type": "accelerometer", "element": "tool", "axes": ["x", "z"], "unit": "m/s^2"},
-    {"name": "rate", "type": "gyro", "element": "tool", "axes": ["y"], "unit": "rad/s", "delay_s": 1e-3},
+    {
+        "name": "acc",
+        "type": "accelerometer",
+        "element": "tool",
+        "axes": ["x", "z"],
+        "unit": "m/s^2",
+    },
+    {
+        "name": "rate",
+        "type": "gyro",
+        "element": "tool",
+        "axes": ["y"],
+        "unit": "rad/s",
+        "delay_s": 1e-3,
+    },
     {"name": "seen", "type": "tracker", "position": [0.0, 0.05, 0.1], "axes": ["x"], "unit": "m"},
 ]
 
@@ -44,7 +57,9 @@ def away(residuals: Residuals, G: np.ndarray) -> np.ndarray:
     """Median relative difference from the responses in small motions, of each output."""
     small = measured(0.01)
     exact = correct_responses(small, small.vector.start)[0].G
-    return np.median((np.abs(G / exact - 1)).transpose(2, 0, 1, 3).reshape(exact.shape[2], -1), axis=1)
+    return np.median(
+        (np.abs(G / exact - 1)).transpose(2, 0, 1, 3).reshape(exact.shape[2], -1), axis=1
+    )
 
 
 def left(speed: float) -> np.ndarray:
@@ -55,7 +70,9 @@ def left(speed: float) -> np.ndarray:
 
 @needs_compiler
 @pytest.mark.slow
-def test_corrected_responses_of_a_simulation_are_those_of_small_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_corrected_responses_of_a_simulation_are_those_of_small_motions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Planted: a correction of the wrong sign; without the motion between the lines; of drives that hardly hold."""
     residuals = measured(0.2)
     raw, before = residuals.data, away(residuals, residuals.data.G)
@@ -116,7 +133,9 @@ def test_parameters_and_their_deviations_in_large_motions() -> None:
     shifts = np.abs(found.x - plain.x)
     assert deviations.max() == pytest.approx(0.1 * shifts.max(), rel=0.1)
     assert np.sqrt(np.diag(unsure.formal_covariance)).max() == pytest.approx(shifts.max(), rel=0.1)
-    assert "not corrected for large motions" in plain.weak[-1] and not any("large" in line for line in found.weak)
+    assert "not corrected for large motions" in plain.weak[-1] and not any(
+        "large" in line for line in found.weak
+    )
 
 
 @pytest.fixture(scope="module")
@@ -139,9 +158,13 @@ def test_noise_is_that_of_the_corrected_responses(data: flexgen.Frf) -> None:
     """``Y U^H`` changes with ``G U U^H``: planted, only G is corrected."""
     UU = np.eye(2) * np.ones((*data.G.shape[:2], 1, 1))
     data = replace(data, noise_UU=UU, noise_YU=data.G @ UU)
-    residuals = Residuals(ParameterVector(flexgen.read("elbow"), default_free(flexgen.read("elbow"))), data)
+    residuals = Residuals(
+        ParameterVector(flexgen.read("elbow"), default_free(flexgen.read("elbow"))), data
+    )
     found, _ = correct_responses(residuals, residuals.vector.start)
-    assert found.noise_YU is not None and np.allclose(found.noise_YU, found.G @ UU, rtol=1e-14, atol=0.0)
+    assert found.noise_YU is not None and np.allclose(
+        found.noise_YU, found.G @ UU, rtol=1e-14, atol=0.0
+    )
     assert not np.allclose(data.G, found.G, rtol=1e-9, atol=0.0)
 
 
@@ -149,7 +172,10 @@ def test_noise_is_that_of_the_corrected_responses(data: flexgen.Frf) -> None:
 def test_a_file_keeps_what_the_correction_needs(data: flexgen.Frf, tmp_path: Path) -> None:
     """And one whose arrays do not fit together is refused."""
     again = flexgen.Frf.load(data.save(tmp_path / "frf.npz"))
-    assert all(np.array_equal(getattr(again, name), getattr(data, name)) for name in ("torques", "numbers", "gains"))
+    assert all(
+        np.array_equal(getattr(again, name), getattr(data, name))
+        for name in ("torques", "numbers", "gains")
+    )
     assert data.numbers is not None and data.torques is not None
     for wrong in (
         {"gains": None},

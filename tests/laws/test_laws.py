@@ -19,19 +19,34 @@ from planted_bugs import (
     wrong_coriolis,
     wrong_gravity,
 )
-from referee import ALL_MODELS, Answers, State, answers, assert_close, model_of, random_state, twist_size
+from referee import (
+    ALL_MODELS,
+    Answers,
+    State,
+    answers,
+    assert_close,
+    model_of,
+    random_state,
+    twist_size,
+)
 from scipy.integrate import solve_ivp
 
 from flexgen.model.elements import BacklashSpring, RobotModel, Spring
 
-EXACT = 1e-12  # the same expression evaluated along another route: rounding of some hundred operations
+# the same expression evaluated along another route: rounding of some hundred operations
+EXACT = 1e-12
 SOLVED = 1e-9  # through a linear system whose condition number may reach 1e5
-DIFFERENCE = 1e-8  # fourth-order central differences at the step below: truncation and rounding are both smaller
-LINEAR = 1e-6  # the same for the accelerations, where friction bends over a few hundredths of a rad/s
+# fourth-order central differences at the step below: truncation and rounding are both smaller
+DIFFERENCE = 1e-8
+# the same for the accelerations, where friction bends over a few hundredths of a rad/s
+LINEAR = 1e-6
 ENERGY = 1e-8  # of the energy that moves, for an integration with a relative tolerance of 1e-12
-STEP = 1e-4  # [rad or m] of the differences: (10 STEP)^4 = 1e-12 for shapes that vary over a tenth of their unit
+# [rad or m] of the differences: (10 STEP)^4 = 1e-12 for shapes that vary over a tenth of their unit
+STEP = 1e-4
 FINE = 1e-5  # the same for the accelerations: friction varies over a fiftieth of a rad/s
-ROUNDING = 1e-12  # relative error of one evaluation of the accelerations, of stiff springs behind which positions round
+# relative error of one evaluation of the accelerations, of stiff springs behind which positions
+# round
+ROUNDING = 1e-12
 
 STATES = 5
 
@@ -61,10 +76,15 @@ def steps(model: RobotModel, largest: float) -> tuple[np.ndarray, np.ndarray]:
     """Difference steps for each of q_a and of q_m: those of a motor move its joints by as much."""
     h = {}
     for c in model.coordinates:
-        h[c.name] = spring_step(None if c.dof is None else c.dof.spring or c.dof.gear.spring, largest)
+        h[c.name] = spring_step(
+            None if c.dof is None else c.dof.spring or c.dof.gear.spring, largest
+        )
         if c.dof is not None and c.dof.gear is not None and c.dof.gear.side == "motor":
             h[c.name] /= max(
-                abs(r) for m in model.motors for n, r in zip(m.drives, m.ratio, strict=True) if n == c.name
+                abs(r)
+                for m in model.motors
+                for n, r in zip(m.drives, m.ratio, strict=True)
+                if n == c.name
             )
     motors = [min(h[name] for name in m.drives) * max(map(abs, m.ratio)) for m in model.motors]
     return np.array(list(h.values())), np.array(motors)
@@ -88,8 +108,15 @@ def check_forward_inverse(a: Answers, model: RobotModel, some: list[State]) -> N
     """``M^-1 (tau - h) = a_a`` for ``tau`` from the inverse dynamics."""
     for s in some:
         tau = a.inverse_dynamics(s.q_a, s.v_a, s.a_a)
-        assert_close(np.linalg.solve(a.mass_matrix(s.q_a), tau - a.bias(s.q_a, s.v_a)), s.a_a, SOLVED)
-        assert_close(a.inverse_dynamics(s.q_a, 0 * s.v_a, 0 * s.a_a), a.gravity(s.q_a), EXACT, np.abs(tau).max())
+        assert_close(
+            np.linalg.solve(a.mass_matrix(s.q_a), tau - a.bias(s.q_a, s.v_a)), s.a_a, SOLVED
+        )
+        assert_close(
+            a.inverse_dynamics(s.q_a, 0 * s.v_a, 0 * s.a_a),
+            a.gravity(s.q_a),
+            EXACT,
+            np.abs(tau).max(),
+        )
         assert_close(a.bias(s.q_a, 0 * s.v_a), a.gravity(s.q_a), EXACT, np.abs(tau).max())
 
 
@@ -117,7 +144,11 @@ def check_ignored(a: Answers, model: RobotModel, some: list[State]) -> None:
         q_m, v_m = s.q_m.copy(), s.v_m.copy()
         q_m[rigid], v_m[rigid] = 7.0, -9.0
         there, other = (s.q_a, s.v_a, q_m, v_m), s.x
-        assert_close(joined(a.forward_dynamics(*there, s.tau_m)), joined(a.forward_dynamics(*other, s.tau_m)), 0.0)
+        assert_close(
+            joined(a.forward_dynamics(*there, s.tau_m)),
+            joined(a.forward_dynamics(*other, s.tau_m)),
+            0.0,
+        )
         assert_close(a.energy(*there), a.energy(*other), 0.0)
         assert_close(a.power(*there, s.tau_m), a.power(*other, s.tau_m), 0.0)
         assert_close(a.gear_torque(*there), a.gear_torque(*other), 0.0)
@@ -129,7 +160,8 @@ def check_passivity(a: Answers, model: RobotModel, some: list[State]) -> None:
         v = s.v_a
         c = a.bias(s.q_a, v) - a.gravity(s.q_a)
         rate = slope(lambda h, s=s, v=v: v @ a.mass_matrix(s.q_a + h * v) @ v, STEP)
-        terms = np.abs(v * c).sum() + v @ a.mass_matrix(s.q_a) @ v  # (dM/dt is of the size of M at speeds near one)
+        # (dM/dt is of the size of M at speeds near one)
+        terms = np.abs(v * c).sum() + v @ a.mass_matrix(s.q_a) @ v
         assert_close(rate, 2 * v @ c, DIFFERENCE, terms)
 
 
@@ -158,10 +190,14 @@ def check_potential(a: Answers, model: RobotModel, some: list[State]) -> None:
             held[i_e] -= a.elastic_torque(s.q_a, still[0])
         energy = 10 * np.finfo(float).eps * abs(potential(s.q_a, s.q_m))  # its rounding
         for k in range(model.n_a):
-            assert_close(along_arm(k), held[k], 1.0, DIFFERENCE * np.abs(held).max() + energy / h_a[k])
+            assert_close(
+                along_arm(k), held[k], 1.0, DIFFERENCE * np.abs(held).max() + energy / h_a[k]
+            )
         turned = np.linalg.solve(model.eta.T, tau_g)
         for j in i_m:
-            assert_close(along_motor(j), turned[j], 1.0, DIFFERENCE * np.abs(turned).max() + energy / h_m[j])
+            assert_close(
+                along_motor(j), turned[j], 1.0, DIFFERENCE * np.abs(turned).max() + energy / h_m[j]
+            )
 
 
 def check_jacobian(a: Answers, model: RobotModel, some: list[State]) -> None:
@@ -175,7 +211,12 @@ def check_jacobian(a: Answers, model: RobotModel, some: list[State]) -> None:
             dp = slope(lambda h, s=s, e=e: a.forward_kinematics(s.q_a + h * e)[0].ravel(), STEP)
             spin = slope(lambda h, s=s, e=e: a.forward_kinematics(s.q_a + h * e)[1], STEP) @ R.T
             assert_close(J[:3, k], dp, DIFFERENCE, max(1.0, np.abs(p).max()))
-            assert_close(J[3:, k], [spin[2, 1], spin[0, 2], spin[1, 0]], DIFFERENCE, max(1.0, np.abs(J[3:]).max()))
+            assert_close(
+                J[3:, k],
+                [spin[2, 1], spin[0, 2], spin[1, 0]],
+                DIFFERENCE,
+                max(1.0, np.abs(J[3:]).max()),
+            )
 
 
 def check_jacobian_dot(a: Answers, model: RobotModel, some: list[State]) -> None:
@@ -300,7 +341,13 @@ def test_use_of_ignored_motors_is_seen():
 
 
 @pytest.mark.parametrize(
-    "bug", [wrong_coriolis, scaled("power", (1.0, -1.0)), scaled("power", (1.001, 1.0)), scaled("energy", (1.0, 0.999))]
+    "bug",
+    [
+        wrong_coriolis,
+        scaled("power", (1.0, -1.0)),
+        scaled("power", (1.001, 1.0)),
+        scaled("energy", (1.0, 0.999)),
+    ],
 )
 def test_planted_bug_breaks_energy_balance(bug):
     name = "synthetic_elastic"

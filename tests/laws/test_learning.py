@@ -29,11 +29,18 @@ def solution():
 @pytest.mark.slow
 def test_a_soft_robot_is_learned_in_two_iterations(solution, tmp_path):
     found = flexgen.learn(
-        "planar5_nmp", plant={"stiffness": 0.8}, solution=solution, iterations=3, sample_time=1e-3, progress=False
+        "planar5_nmp",
+        plant={"stiffness": 0.8},
+        solution=solution,
+        iterations=3,
+        sample_time=1e-3,
+        progress=False,
     )
     assert found.errors_m[0] > 1.5e-3 and found.errors_m[2] <= 2e-5
     assert found.best == int(np.argmin(found.errors_m))
-    check_numbers("learn", 1e-5, found=found.to_dict(), corrections=found.corrections, time=found.time)
+    check_numbers(
+        "learn", 1e-5, found=found.to_dict(), corrections=found.corrections, time=found.time
+    )
     assert found.trajectory["q_a"].shape[1] == 3
     before, after = plot_learned(found).get_axes()[1].get_lines()[:2]
     assert max(before.get_ydata()) == pytest.approx(1e3 * found.errors_m[0])
@@ -45,9 +52,13 @@ def test_a_soft_robot_is_learned_in_two_iterations(solution, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "after", "limit"), [("manutec_r3_18", 2, 2e-5), ("manutec_r3_24", 5, 3e-5)])
+@pytest.mark.parametrize(
+    ("name", "after", "limit"), [("manutec_r3_18", 2, 2e-5), ("manutec_r3_24", 5, 3e-5)]
+)
 def test_six_axes_are_learned(name, after, limit):
-    found = flexgen.learn(name, plant={"stiffness": 0.8}, iterations=after, sample_time=1e-3, progress=False)
+    found = flexgen.learn(
+        name, plant={"stiffness": 0.8}, iterations=after, sample_time=1e-3, progress=False
+    )
     assert min(found.errors_m[: after + 1]) <= limit
 
 
@@ -61,30 +72,47 @@ def test_nothing_is_learned_from_the_model_itself(solution):
 @pytest.mark.slow
 def test_corrections_of_noise_are_no_larger_than_the_noise(solution):
     """1e-4 rad at the motors moves the tool by micrometers."""
-    found = flexgen.learn("planar5_nmp", solution=solution, iterations=3, encoder_noise=1e-4, progress=False)
+    found = flexgen.learn(
+        "planar5_nmp", solution=solution, iterations=3, encoder_noise=1e-4, progress=False
+    )
     assert max(found.errors_m) < 2e-5 and max(np.abs(c).max() for c in found.corrections) < 2e-5
 
 
 @pytest.mark.slow
 def test_the_feedforward_has_force_and_model_of_the_solution():
     """The first run is that of `control`: of a force, of another model."""
-    pushed = flexgen.solve("elbow", force=lambda t: np.outer(np.ones_like(t), [0.0, 0.0, -900.0]), progress=False)
+    pushed = flexgen.solve(
+        "elbow", force=lambda t: np.outer(np.ones_like(t), [0.0, 0.0, -900.0]), progress=False
+    )
     found = flexgen.learn("elbow", solution=pushed, iterations=1, progress=False)
     assert max(found.errors_m) < 1e-9
     moved = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 2.9e-4, "stiffness": 7e6}}
     robot, plain = flexgen.read("elbow", overrides=moved), flexgen.solve("elbow", progress=False)
     found = flexgen.learn(robot, solution=plain, iterations=3, progress=False)
-    assert found.errors_m[0] == pytest.approx(flexgen.control(robot, solution=plain, progress=False).tool_error_max_m)
+    assert found.errors_m[0] == pytest.approx(
+        flexgen.control(robot, solution=plain, progress=False).tool_error_max_m
+    )
     assert found.errors_m[0] > 5e-5 and found.errors_m[found.best] < 0.5 * found.errors_m[0]
 
 
 @pytest.mark.slow
 def test_sensors_of_forces_do_not_disturb_accelerometers(solution):
     """Their readings along the plan are compared with, which were zero."""
-    acceleration = {"name": "a", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 1e-4}
+    acceleration = {
+        "name": "a",
+        "type": "accelerometer",
+        "element": "tool",
+        "unit": "m/s^2",
+        "noise": 1e-4,
+    }
     torque = {"name": "t", "type": "joint_torque", "coordinate": "q1", "unit": "N m", "noise": 1.0}
     robot = flexgen.read("planar5_nmp", overrides={"sensor": [torque, acceleration]})
-    given = {"plant": {"stiffness": 0.8}, "measured_by": "accelerometer", "encoder_noise": 1e-9, "progress": False}
+    given = {
+        "plant": {"stiffness": 0.8},
+        "measured_by": "accelerometer",
+        "encoder_noise": 1e-9,
+        "progress": False,
+    }
     found = flexgen.learn(robot, solution=solution, iterations=1, **given)
     assert found.measured_errors[0] == pytest.approx(found.errors_m[0], rel=0.3)
     assert found.errors_m[1] < 0.8 * found.errors_m[0]

@@ -121,5 +121,7 @@ def test_a_plan_has_the_friction_of_the_load(monkeypatch):
     found = least_torque()
     assert found.status == Status.SOLVED and found.plan_error_max < 1e-5
     right = signals.motor_frictions
-    monkeypatch.setattr(signals, "motor_frictions", lambda equations, v, tau: right(equations, v, tau / 2))
+    monkeypatch.setattr(
+        signals, "motor_frictions", lambda equations, v, tau: right(equations, v, tau / 2)
+    )
     assert least_torque().status == Status.TOLERANCE_NOT_MET

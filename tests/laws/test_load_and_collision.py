@@ -21,7 +21,13 @@ H = 1e-3
 
 def record(name: str, plant: dict, noise: float = 1e-4, move: str | None = None):
     run = flexgen.control(
-        name, move, plants={"robot": plant}, sample_time=H, encoder_noise=noise, torque_limits=False, progress=False
+        name,
+        move,
+        plants={"robot": plant},
+        sample_time=H,
+        encoder_noise=noise,
+        torque_limits=False,
+        progress=False,
     )
     return run.trajectory("robot")
 
@@ -59,7 +65,9 @@ def test_intervals_of_a_load_hold_with_wrong_springs(seed, monkeypatch):
     assert away().max() < 1.96
     if seed:
         motion = payload._Estimate.motion
-        monkeypatch.setattr(payload._Estimate, "motion", lambda self, load, softer: motion(self, load, 0.0 * softer))
+        monkeypatch.setattr(
+            payload._Estimate, "motion", lambda self, load, softer: motion(self, load, 0.0 * softer)
+        )
         assert away()[0] > 6.0
 
 
@@ -67,7 +75,9 @@ def test_intervals_of_a_load_hold_with_wrong_springs(seed, monkeypatch):
 def test_the_error_is_within_three_standard_deviations():
     """Noise of the torques, and what the filters leave of friction; the y of a planar arm is not determined at all."""
     planar = flexgen.identify_load("elbow", record("elbow", {"payload": 50.0}, move="joints"))
-    assert abs(planar.mass - 50.0) < 3 * planar.mass_sd and planar.com_sd[1] == pytest.approx(1.0, rel=0.02)
+    assert abs(planar.mass - 50.0) < 3 * planar.mass_sd and planar.com_sd[1] == pytest.approx(
+        1.0, rel=0.02
+    )
     assert planar.com_sd[[0, 2]].max() < 0.1
     data, rng = record("manutec_r3", {"payload": 8.0}), np.random.default_rng(0)
     noisy = {key: np.array(data[key]) for key in data}
@@ -84,9 +94,13 @@ def test_no_load_is_found_in_noise():
     """Steps between first moments that noise hides were refused."""
     data, rng = record("manutec_r3", {"payload": 0.0}), np.random.default_rng(0)
     tau = data["tau_m"] + 0.05 * rng.standard_normal(data["tau_m"].shape)
-    noisy = type(data)(data.time, {**data.channels, "tau_m": tau}, data.ports, data.labels, data.meta, data.units)
+    noisy = type(data)(
+        data.time, {**data.channels, "tau_m": tau}, data.ports, data.labels, data.meta, data.units
+    )
     found = flexgen.identify_load("manutec_r3", noisy)
-    assert abs(found.mass) < 2 * found.mass_sd < 0.2 and "center of mass not determined" in str(found)
+    assert abs(found.mass) < 2 * found.mass_sd < 0.2 and "center of mass not determined" in str(
+        found
+    )
 
 
 def test_friction_at_standstill_is_not_taken_for_a_load():
@@ -97,11 +111,16 @@ def test_friction_at_standstill_is_not_taken_for_a_load():
         for motor, v, c, r in zip(model.motors, *friction, np.abs(np.diag(model.eta)), strict=True)
     }
     known, away = flexgen.read("elbow@rigid", overrides=laws), []
-    ports = {name: Port(name, (2,), unit, "of motors") for name, unit in (("q_m", "rad"), ("tau_m", "N m"))}
+    ports = {
+        name: Port(name, (2,), unit, "of motors")
+        for name, unit in (("q_m", "rad"), ("tau_m", "N m"))
+    }
     labels = {name: ("m1", "m2") for name in ports}
     for seed in range(4):
         mass, com = 40.0 + 20 * seed, 1.2 + 0.03 * seed
-        loaded = flexgen.read("elbow@rigid", overrides={"payload": {"mass": mass, "com": [com, 0.0, 0.0]}})
+        loaded = flexgen.read(
+            "elbow@rigid", overrides={"payload": {"mass": mass, "com": [com, 0.0, 0.0]}}
+        )
         ((t, q, tau),) = poses(loaded, friction, 0.02, seed, 1)
         data = flexgen.Trajectory(t, {"q_m": q @ model.eta.T, "tau_m": tau}, ports, labels)
         found = flexgen.identify_load(known, data)
@@ -129,7 +148,14 @@ def test_torques_that_are_recorded_late_do_not_change_the_load():
     """Half a millisecond; planted: without the delay among the unknowns the mass falls by 5 of 5,000 g."""
     data = planned(20.0)
     shifted = np.array([np.interp(data.time - 5e-4, data.time, x) for x in data["tau_m"].T]).T
-    late = type(data)(data.time, {**data.channels, "tau_m": shifted}, data.ports, data.labels, data.meta, data.units)
+    late = type(data)(
+        data.time,
+        {**data.channels, "tau_m": shifted},
+        data.ports,
+        data.labels,
+        data.meta,
+        data.units,
+    )
     before, after = (flexgen.identify_load("manutec_r3", each) for each in (data, late))
     assert after.delay_s - before.delay_s == pytest.approx(5e-4, rel=0.02)
     assert abs(after.mass - before.mass) < 5e-4 and np.abs(after.com - before.com).max() < 2e-4
@@ -169,8 +195,12 @@ def test_a_load_next_to_the_payload():
     inertia = np.array(known.inertia) + steiner(15.0, 0.25 * BESIDE) + steiner(5.0, 0.75 * BESIDE)
     numbers = [float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))]
     com = (np.array(known.com) + 0.25 * BESIDE).tolist()
-    robot = flexgen.read("manutec_r3", overrides={"payload": {"mass": 20.0, "com": com, "inertia": numbers}})
-    found = flexgen.identify_load("manutec_r3", flexgen.solve(robot, verify=False, progress=False).trajectory)
+    robot = flexgen.read(
+        "manutec_r3", overrides={"payload": {"mass": 20.0, "com": com, "inertia": numbers}}
+    )
+    found = flexgen.identify_load(
+        "manutec_r3", flexgen.solve(robot, verify=False, progress=False).trajectory
+    )
     assert abs(found.mass - 5.0) < 1e-3
     assert np.abs(found.com - np.array(known.com) - BESIDE).max() < 1e-4
 
@@ -178,12 +208,17 @@ def test_a_load_next_to_the_payload():
 @pytest.mark.slow
 def test_nothing_at_the_tool_and_other_units_are_told_apart():
     data = planned(1e-6)
-    found = flexgen.identify_load(flexgen.read("manutec_r3", overrides={"payload.mass": 1e-6}), data)
-    assert abs(found.mass) < 2 * found.mass_sd < 0.1 and "center of mass not determined" in str(found)
+    found = flexgen.identify_load(
+        flexgen.read("manutec_r3", overrides={"payload.mass": 1e-6}), data
+    )
+    assert abs(found.mass) < 2 * found.mass_sd < 0.1 and "center of mass not determined" in str(
+        found
+    )
     degrees = {**data.channels, "q_m": np.degrees(data["q_m"])}
     with pytest.raises(SolverError, match=r"load: no (load explains|solution)"):
         flexgen.identify_load(
-            "manutec_r3", type(data)(data.time, degrees, data.ports, data.labels, data.meta, data.units)
+            "manutec_r3",
+            type(data)(data.time, degrees, data.ports, data.labels, data.meta, data.units),
         )
 
 
@@ -200,7 +235,10 @@ def runs(name: str, count: int, seed: int, solution, pushes=None):
     rng = np.random.default_rng(seed)
     heavy = flexgen.read(name).payload.mass > 1
     plants = {
-        f"robot {k}": {"stiffness": float(rng.uniform(0.9, 1.1)), "payload": float(rng.uniform(-1 if heavy else 0, 1))}
+        f"robot {k}": {
+            "stiffness": float(rng.uniform(0.9, 1.1)),
+            "payload": float(rng.uniform(-1 if heavy else 0, 1)),
+        }
         for k in range(count)
     }
     disturbances = dict(zip(plants, pushes, strict=True)) if pushes else {}
@@ -240,7 +278,12 @@ def test_the_residual_is_a_low_pass_of_the_push():
     solution = flexgen.solve(name, progress=False)
     push = flexgen.Disturbance("step", "tool.x", 200.0, 0.3)
     run = flexgen.control(
-        name, plants={"hit": {}}, disturbances={"hit": [push]}, sample_time=2e-4, solution=solution, progress=False
+        name,
+        plants={"hit": {}},
+        disturbances={"hit": [push]},
+        sample_time=2e-4,
+        solution=solution,
+        progress=False,
     )
     model = flexgen.read(name)
     detector = flexgen.CollisionDetector(model, 2e-4, 15.0)

@@ -29,7 +29,10 @@ ELASTIC = elastic_models()
 
 
 def worst_slope(
-    local: LocalModel, q_m: np.ndarray, speed_sd: np.ndarray | None, deflection_sd: np.ndarray | None = None
+    local: LocalModel,
+    q_m: np.ndarray,
+    speed_sd: np.ndarray | None,
+    deflection_sd: np.ndarray | None = None,
 ) -> float:
     """Largest difference between derivatives and central differences, over the largest derivative."""
     values = np.where(local.values == 0, 1e-3, local.values)
@@ -41,7 +44,9 @@ def worst_slope(
         # The error of a central difference falls with the square of its step; rounding of nearly singular poses of
         # rest rises with its inverse.
         step = 1e-4 * abs(value)
-        moved = [np.where(np.arange(len(values)) == k, values + s * step, values) for s in (1.0, -1.0)]
+        moved = [
+            np.where(np.arange(len(values)) == k, values + s * step, values) for s in (1.0, -1.0)
+        ]
         up, down = (local.response(x, q_m, W, DRIVE, **sizes, derivatives=False).G for x in moved)
         difference = np.abs((up - down) / (2 * step) - exact[..., k]).max()
         worst = max(worst, difference / max(np.abs(exact[..., k]).max(), 1e-300))
@@ -52,7 +57,11 @@ def worst_slope(
 def test_derivatives_are_those_of_central_differences(name):
     model = flexgen.read(name)
     speeds = np.full(model.n_m, 0.3)
-    names = ["stiffness", "damping", "friction"] if any(m.friction.viscous for m in model.motors) else ["stiffness"]
+    names = (
+        ["stiffness", "damping", "friction"]
+        if any(m.friction.viscous for m in model.motors)
+        else ["stiffness"]
+    )
     local = LocalModel(model, [*names, *(f"{m.name}.inertia" for m in model.motors)])
     q_m = poses_of(model, 2, spread=0.2) @ model.eta.T
     assert worst_slope(local, q_m, speeds) < 1e-5
@@ -85,7 +94,9 @@ def test_the_linear_model_is_that_of_the_analysis(name):
     found = local.rest(local.values, rest.q_m[None])
     assert np.allclose(found.y[0, : model.n_a], rest.q_a, atol=1e-9)
     for a, b in zip(
-        local.matrices(local.values, rest.q_m[None]), (linear.M, linear.D, linear.K, linear.B), strict=True
+        local.matrices(local.values, rest.q_m[None]),
+        (linear.M, linear.D, linear.K, linear.B),
+        strict=True,
     ):
         assert np.allclose(a[0], b, rtol=1e-7, atol=1e-9 * np.abs(b).max())
 
@@ -109,17 +120,25 @@ def test_friction_has_the_same_mean_power(beta, sd):
     assert change + at_rest == pytest.approx(mean / sd**2, rel=1e-5)
 
 
-@pytest.mark.parametrize(("load", "load_sd"), [(0.0, 0.0), (0.0, 3.0), (-4.0, 0.0), (2.0, 1.5), (0.1, 0.2)])
+@pytest.mark.parametrize(
+    ("load", "load_sd"), [(0.0, 0.0), (0.0, 3.0), (-4.0, 0.0), (2.0, 1.5), (0.1, 0.2)]
+)
 def test_friction_of_the_load_has_the_same_mean_power(load, load_sd):
     """Against sums over a fine grid of speeds and loads, by the equation of the documentation."""
-    law, sd, x = loaded("elbow").motors[0].friction, 1.3, [ca.SX.sym(name) for name in ("sd", "load", "load_sd")]
+    law, sd, x = (
+        loaded("elbow").motors[0].friction,
+        1.3,
+        [ca.SX.sym(name) for name in ("sd", "load", "load_sd")],
+    )
     change = ca.Function("f", x, [mean_viscous_change(law, x[0], 20.0, x[1], x[2])])
     t = np.linspace(-8.0, 8.0, 801)
     weight = np.exp(-(t**2) / 2) / np.exp(-(t**2) / 2).sum()
     at_rest = (torque(1e-7, load) - torque(-1e-7, load)) / 2e-7
     for other, agrees in ((load_sd, True), (2 * load_sd + 1.0, False)):
         power = weight @ (torque(sd * t[:, None], load + other * t) * sd * t[:, None]) @ weight
-        assert (abs(change(sd, load, load_sd) + at_rest - power / sd**2) < 1e-4 * power / sd**2) == agrees
+        assert (
+            abs(change(sd, load, load_sd) + at_rest - power / sd**2) < 1e-4 * power / sd**2
+        ) == agrees
 
 
 def test_derivatives_with_friction_of_the_load():
@@ -137,7 +156,9 @@ def test_a_cubic_spring_is_averaged_in_closed_form():
     model = flexgen.read("four_mass", overrides={"element.mass1.dof.q1.gear.spring": spring})
     local = LocalModel(model, ())
     sd, q_m = 3e-3, np.zeros((1, 1))
-    plain, averaged = (local.matrices(local.values, q_m, None, x)[2][0] for x in (None, np.array([[sd]])))
+    plain, averaged = (
+        local.matrices(local.values, q_m, None, x)[2][0] for x in (None, np.array([[sd]]))
+    )
     row = local.deflection_rows[0]
     assert np.allclose(averaged - plain, 3 * 1e5 * sd**2 * np.outer(row, row), rtol=1e-9)
 
@@ -150,15 +171,24 @@ def test_derivatives_with_averaged_springs():
     exact = local.response(local.values, q_m, W, DRIVE, deflection_sd=sd).dG
     assert exact is not None
     for k, value in enumerate(local.values):
-        moved = [np.where(np.arange(len(local.values)) == k, value * (1 + s * 1e-5), local.values) for s in (1, -1)]
-        up, down = (local.response(x, q_m, W, DRIVE, deflection_sd=sd, derivatives=False).G for x in moved)
+        moved = [
+            np.where(np.arange(len(local.values)) == k, value * (1 + s * 1e-5), local.values)
+            for s in (1, -1)
+        ]
+        up, down = (
+            local.response(x, q_m, W, DRIVE, deflection_sd=sd, derivatives=False).G for x in moved
+        )
         difference = (up - down) / (2e-5 * value)
-        assert np.abs(difference - exact[..., k]).max() < 1e-4 * np.abs(exact[..., k]).max(), local.names[k]
+        assert np.abs(difference - exact[..., k]).max() < 1e-4 * np.abs(exact[..., k]).max(), (
+            local.names[k]
+        )
 
 
 def test_no_change_at_rest():
     symbol = ca.SX.sym("sd")
-    change = ca.Function("f", [symbol], [mean_viscous_change(Friction(coulomb=1.0, beta=50.0), symbol)])
+    change = ca.Function(
+        "f", [symbol], [mean_viscous_change(Friction(coulomb=1.0, beta=50.0), symbol)]
+    )
     assert float(change(0.0)) == 0.0
 
 
@@ -167,5 +197,7 @@ def test_an_equilibrium_that_is_not_found_is_an_error(monkeypatch):
     monkeypatch.setattr("flexgen.identification.local_model.NEWTON_STEPS", 1)
     model = flexgen.read("manutec_r3_18")
     local = LocalModel(model, ())
-    with pytest.raises(SolverError, match=r"equilibrium at pose 1 .*expected below 1e-9; choose another pose"):
+    with pytest.raises(
+        SolverError, match=r"equilibrium at pose 1 .*expected below 1e-9; choose another pose"
+    ):
         local.rest(local.values, (model.eta @ np.array(model.home))[None])

@@ -78,7 +78,9 @@ def test_filters_have_their_frequency_responses():
         for hz in (1.0, 20.0, f.frequency_hz, 200.0):
             z = np.exp(-2j * np.pi * hz * T)
             s = 1j * np.tan(np.pi * hz * T) / np.tan(np.pi * f.frequency_hz * T)
-            assert (b0 + b1 * z + b2 * z * z) / (1 + a1 * z + a2 * z * z) == pytest.approx(b(s) / a(s), rel=1e-9)
+            assert (b0 + b1 * z + b2 * z * z) / (1 + a1 * z + a2 * z * z) == pytest.approx(
+                b(s) / a(s), rel=1e-9
+            )
     with pytest.raises(ArgumentError, match="half the sample rate"):
         LowPass(1000.0).section(T)
 
@@ -104,7 +106,9 @@ def test_controllers_that_misbehave_end_with_a_sentence(name):
         def step(self, k, y, ref):
             return namespace["act"](ref.tau_m) if k == 3 else ref.tau_m
 
-    loop, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PythonController(Bad()))
+    loop, at_rest, _, _ = loop_of(
+        flexgen.read("planar5_nmp"), DriveHardware(T), controller=PythonController(Bad())
+    )
     with pytest.raises(SolverError, match=words):
         loop.run(at_rest[None], 10)
 
@@ -138,18 +142,31 @@ class AsPlugIn:
     def step(self, k, y, ref):
         q, q_ref = (ref.q_m, ref.q_m) if self.q is None else self.q
         self.q = y.q_m.copy(), ref.q_m.copy()
-        return ref.tau_m + 20.0 * (ref.q_m - y.q_m) + 0.5 * ((ref.q_m - q_ref) / T - (y.q_m - q) / T)
+        return (
+            ref.tau_m + 20.0 * (ref.q_m - y.q_m) + 0.5 * ((ref.q_m - q_ref) / T - (y.q_m - q) / T)
+        )
 
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "controller_plugin.c"
 
 
-def plug_in(folder: Path, abi: str = "FLEXGEN_CONTROLLER_ABI", reset: str = "setup->n_m > MOTORS") -> Path:
+def plug_in(
+    folder: Path, abi: str = "FLEXGEN_CONTROLLER_ABI", reset: str = "setup->n_m > MOTORS"
+) -> Path:
     """The example as a shared library, with another version or another result of its reset."""
     source, made = folder / "mine.c", folder / f"mine{len(abi)}{len(reset)}.so"
     text = EXAMPLE.read_text().replace("return FLEXGEN_CONTROLLER_ABI;", f"return {abi};")
     source.write_text(text.replace("setup->n_m > MOTORS", reset))
-    flags = ["-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{HEADER.parent}", "-Wall", "-Wextra", "-Werror"]
+    flags = [
+        "-O2",
+        "-ffp-contract=off",
+        "-shared",
+        "-fPIC",
+        f"-I{HEADER.parent}",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+    ]
     subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
     return made
 
@@ -171,10 +188,14 @@ def test_a_plug_in_that_does_not_return_ends_the_run(tmp_path, monkeypatch):
     flags = ["-O2", "-shared", "-fPIC", f"-I{HEADER.parent}"]
     subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
     monkeypatch.setattr("flexgen.loop.closed_loop.LONGEST_STEP_S", 0.3)
-    loop, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(made))
+    loop, at_rest, _, _ = loop_of(
+        flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(made)
+    )
     with pytest.raises(SolverError, match=r"has not returned from its step 7 for 0.3 s"):
         loop.run(moving(at_rest, 2, 20, 0.1), 20)
-    good, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(plug_in(tmp_path)))
+    good, at_rest, _, _ = loop_of(
+        flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(plug_in(tmp_path))
+    )
     assert np.isfinite(good.run(moving(at_rest, 2, 20, 0.1), 20).tau_m).all()
 
 
@@ -187,7 +208,9 @@ def test_an_interrupted_plug_in_has_its_arrays_and_stops(tmp_path, monkeypatch):
     )
     flags = ["-O2", "-shared", "-fPIC", f"-I{HEADER.parent}"]
     subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
-    loop, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(made))
+    loop, at_rest, _, _ = loop_of(
+        flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(made)
+    )
     reference = np.ascontiguousarray(moving(at_rest, 2, 20, 0.1), dtype=float)
     freed = weakref.finalize(reference, lambda: None)
     polls, before = iter(range(100)), set(threading.enumerate())
@@ -214,7 +237,9 @@ def test_an_interrupted_plug_in_has_its_arrays_and_stops(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_plug_ins_of_another_version_or_without_functions_are_refused(tmp_path):
-    with pytest.raises(BuildError, match="given version 9 of the interface of controllers, expected 1"):
+    with pytest.raises(
+        BuildError, match="given version 9 of the interface of controllers, expected 1"
+    ):
         PlugIn(plug_in(tmp_path, abi="9"))
     refusing = PlugIn(plug_in(tmp_path, reset="setup->n_m > 1"))
     with pytest.raises(ArgumentError, match="its reset refused the robot with status 1"):
@@ -222,6 +247,9 @@ def test_plug_ins_of_another_version_or_without_functions_are_refused(tmp_path):
     with pytest.raises(BuildError, match="given no shared library"):
         PlugIn(tmp_path / "mine.c")
     empty = tmp_path / "empty.so"
-    subprocess.run([*find_compiler().command, "-shared", "-fPIC", "-x", "c", "-o", str(empty), "/dev/null"], check=True)
+    subprocess.run(
+        [*find_compiler().command, "-shared", "-fPIC", "-x", "c", "-o", str(empty), "/dev/null"],
+        check=True,
+    )
     with pytest.raises(BuildError, match="given no function flexgen_controller_abi"):
         PlugIn(empty)

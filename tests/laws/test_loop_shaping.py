@@ -37,11 +37,15 @@ def largest_norm(plant, controller):
     for w in np.logspace(-4, 5, 4000):
         P, K = response(plant, w), response(controller, w)
         S = np.linalg.inv(np.eye(len(P)) + P @ K)
-        largest = max(largest, np.linalg.norm(np.vstack([S, K @ S]) @ np.hstack([np.eye(len(P)), P]), 2))
+        largest = max(
+            largest, np.linalg.norm(np.vstack([S, K @ S]) @ np.hstack([np.eye(len(P)), P]), 2)
+        )
     return largest
 
 
-@pytest.mark.parametrize(("plant", "margin"), [(INTEGRATOR, np.sqrt(0.5)), (TWO_INTEGRATORS, np.sin(np.pi / 8))])
+@pytest.mark.parametrize(
+    ("plant", "margin"), [(INTEGRATOR, np.sqrt(0.5)), (TWO_INTEGRATORS, np.sin(np.pi / 8))]
+)
 def test_the_largest_margin_of_integrators(plant, margin):
     """1/s: 1/sqrt 2; 1/s^2: sin(pi/8); both follow from the two Riccati equations by hand."""
     _, gamma = coprime_controller(plant, 1.0 + 1e-9)
@@ -96,7 +100,8 @@ def test_the_plant_is_the_linearized_robot():
         columns = []
         for j in range(size):
             ahead, behind = (
-                [x + s * step * (i == k) * (np.arange(len(x)) == j) for i, x in enumerate(point)] for s in (1, -1)
+                [x + s * step * (i == k) * (np.arange(len(x)) == j) for i, x in enumerate(point)]
+                for s in (1, -1)
             )
             columns.append((accelerations(*ahead) - accelerations(*behind)) / (2 * step))
         parts.append(np.array(columns).T)
@@ -104,14 +109,19 @@ def test_the_plant_is_the_linearized_robot():
     A, B, C, D = linear_plant(model, motion)
     assert np.allclose(A[5:], np.hstack(parts[:2]), atol=1e-8 * np.abs(A).max())
     assert np.allclose(B[5:], parts[2], atol=1e-8 * np.abs(B).max())
-    assert np.array_equal(C, np.eye(10)[3:5]) and not D.any() and np.array_equal(A[:5], np.eye(10)[5:])
+    assert (
+        np.array_equal(C, np.eye(10)[3:5]) and not D.any() and np.array_equal(A[:5], np.eye(10)[5:])
+    )
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_a_robot_follows_its_path(tmp_path):
     run = flexgen.control(
-        "planar5_nmp", controller=flexgen.LoopShaping(2.0), plants={"soft": {"stiffness": 0.8}}, progress=False
+        "planar5_nmp",
+        controller=flexgen.LoopShaping(2.0),
+        plants={"soft": {"stiffness": 0.8}},
+        progress=False,
     )
     assert run.status == "done" and all(margin.stable for margin in run.margins().values())
     assert run.figures(run.runs[0])["error_max_m"] < 1e-6
@@ -140,9 +150,13 @@ def test_an_unstable_sampled_loop_is_refused():
     """The refused controllers make the simulated robot run away; the frequency of the message does not."""
     solution = flexgen.solve("planar5_nmp", progress=False)
     for crossover, sample_s in ((60.0, 4e-3), (150.0, 1e-3)):
-        case = control_case("planar5_nmp", sample_time=sample_s, solution=solution, encoder_noise=1e-6)
+        case = control_case(
+            "planar5_nmp", sample_time=sample_s, solution=solution, encoder_noise=1e-6
+        )
         law = flexgen.LoopShaping(crossover, low_pass_hz=5 * crossover)
-        with pytest.raises(ArgumentError, match=f"crossover_hz: given {crossover:g} Hz, .*unstable") as error:
+        with pytest.raises(
+            ArgumentError, match=f"crossover_hz: given {crossover:g} Hz, .*unstable"
+        ) as error:
             case_controller(case, law)
         refused, _ = law.design(case.model, sample_s, 0.0, case.reference.points(np.array([0])))
         assert run_case(case, refused, "refused").nominal.failure == "not finite"
@@ -160,7 +174,9 @@ def test_linear_controllers_ignore_the_exact_state(controller):
     """With it among the channels the torques have the same bits, and the margins are the same."""
     solution = flexgen.solve("elbow", progress=False)
     runs = [
-        flexgen.control("elbow", controller=controller, exact_state=exact, solution=solution, progress=False)
+        flexgen.control(
+            "elbow", controller=controller, exact_state=exact, solution=solution, progress=False
+        )
         for exact in (True, False)
     ]
     assert runs[0].status == "done" and np.array_equal(runs[0].nominal.tau_m, runs[1].nominal.tau_m)
@@ -171,7 +187,13 @@ def test_linear_controllers_ignore_the_exact_state(controller):
 @pytest.mark.slow
 def test_sensors_of_the_model_are_not_fed_back():
     """The same torques with and without an accelerometer."""
-    sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.05}
+    sensor = {
+        "name": "acc",
+        "type": "accelerometer",
+        "element": "tool",
+        "unit": "m/s^2",
+        "noise": 0.05,
+    }
     runs = [
         flexgen.control(
             flexgen.read("four_mass", overrides=changes), controller=flexgen.LoopShaping(), sample_time=1e-3,

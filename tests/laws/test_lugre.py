@@ -43,7 +43,9 @@ def test_before_they_slip_bristles_are_a_spring_and_a_damper() -> None:
     """Turned by 1e-5 of the angle at which they slip: s0 q + s1 v, to that part."""
     t, w = np.linspace(0.0, 0.25, 501), 2 * np.pi * 4.0
     size = 1e-5 * NUMBERS["static"] / NUMBERS["stiffness"]
-    q, v, a = (size * x for x in ((1 - np.cos(w * t)) / 2, w * np.sin(w * t) / 2, w**2 * np.cos(w * t) / 2))
+    q, v, a = (
+        size * x for x in ((1 - np.cos(w * t)) / 2, w * np.sin(w * t) / 2, w**2 * np.cos(w * t) / 2)
+    )
     torque = bristle_torques(law(), t, v[:, None], a[:, None])[3:-3, 0]
     expected = (NUMBERS["stiffness"] * q + NUMBERS["damping"] * v)[3:-3]
     assert_allclose(torque, expected, rtol=0, atol=3e-5 * np.abs(expected).max())
@@ -73,7 +75,9 @@ def test_torques_are_those_of_an_own_integrator(peak: float) -> None:
     assert_allclose(z, found.y[0], rtol=0, atol=1e-6 * np.abs(found.y[0]).max())
     assert_allclose(impulse, found.y[1], rtol=0, atol=1e-7 * np.abs(found.y[1]).max())
     torque = bristle_torques(law(), t, v[:, None], a[:, None])[:, 0]
-    assert_allclose(t[1] * np.cumsum(torque)[:-4], impulse[1:-3], rtol=0, atol=0.02 * np.abs(impulse).max())
+    assert_allclose(
+        t[1] * np.cumsum(torque)[:-4], impulse[1:-3], rtol=0, atol=0.02 * np.abs(impulse).max()
+    )
 
 
 def test_stiff_bristles_are_coulomb_friction() -> None:
@@ -104,8 +108,13 @@ def test_reversals_at_samples_and_between_them_are_seen(shift: float) -> None:
 def test_at_rest_bristles_stay_as_they_are(static: float) -> None:
     """The torque that was reached is held, however long."""
     t = np.linspace(0.0, 1.0, 1001)
-    v, a = (np.where(t < 0.3, x, 0.0) for x in (1.0 - np.cos(2 * np.pi * t / 0.3), np.sin(2 * np.pi * t / 0.3)))
-    torque = bristle_torques(law(static=static), t, 9.0 * v[:, None], 60.0 * np.pi * a[:, None])[:, 0]
+    v, a = (
+        np.where(t < 0.3, x, 0.0)
+        for x in (1.0 - np.cos(2 * np.pi * t / 0.3), np.sin(2 * np.pi * t / 0.3))
+    )
+    torque = bristle_torques(law(static=static), t, 9.0 * v[:, None], 60.0 * np.pi * a[:, None])[
+        :, 0
+    ]
     assert 0.45 < torque[310] < 0.9
     assert_allclose(torque[310:], torque[310], rtol=1e-12)
 
@@ -114,7 +123,10 @@ def test_at_rest_bristles_stay_as_they_are(static: float) -> None:
 def test_at_rest_rounding_does_not_turn_bristles(static: float) -> None:
     """Speeds of 1e-14 rad/s of either sign, after the motor has slid: the torque stays, less than 1e-9 of it."""
     t, noise = np.linspace(0.0, 1.0, 1001), 1e-14 * np.random.default_rng(3).normal(size=1001)
-    v, a = (np.where(t < 0.3, x, 0.0) for x in (1.0 - np.cos(2 * np.pi * t / 0.3), np.sin(2 * np.pi * t / 0.3)))
+    v, a = (
+        np.where(t < 0.3, x, 0.0)
+        for x in (1.0 - np.cos(2 * np.pi * t / 0.3), np.sin(2 * np.pi * t / 0.3))
+    )
     v = np.where(t < 0.3, 9.0 * v, noise)[:, None]
     torque = bristle_torques(law(static=static), t, v, 60.0 * np.pi * a[:, None])[:, 0]
     assert 0.45 < torque[310] < 0.9
@@ -138,8 +150,13 @@ def test_the_simulation_balances_the_energy_and_is_without_bristles_as_before() 
     assert plain.simulation is not None
     lossy = flexgen.simulate(bristled("elbow", TABLES), plain.trajectory)
     assert lossy.energy_error < 1e-8 and lossy.tool_error_max_m > 1e-4
-    least = {name: numbers | {"coulomb": 1e-9, "static": 1e-9, "damping": 0.0} for name, numbers in TABLES.items()}
-    model = flexgen.read("elbow", overrides={f"motor.{name}.lugre": numbers for name, numbers in least.items()})
+    least = {
+        name: numbers | {"coulomb": 1e-9, "static": 1e-9, "damping": 0.0}
+        for name, numbers in TABLES.items()
+    }
+    model = flexgen.read(
+        "elbow", overrides={f"motor.{name}.lugre": numbers for name, numbers in least.items()}
+    )
     assert flexgen.simulate(model, plain.trajectory).tool_error_max_m == pytest.approx(
         plain.simulation.tool_error_max_m, abs=1e-8
     )
@@ -160,7 +177,9 @@ def solved() -> flexgen.Solution:
 
 
 @pytest.mark.parametrize("planted", ["sign", "forgotten", "static", "no reversal", "damping"])
-def test_planted_errors_of_the_stage_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_planted_errors_of_the_stage_are_found(
+    planted: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The simulation integrates z itself: a wrong stage leaves more than a hundred times the error."""
     model, right = bristled("elbow", TABLES), solved()
     assert right.status == "solved" and right.tool_error_max_m < 1e-8
@@ -192,7 +211,9 @@ def test_planted_errors_of_the_stage_are_found(planted: str, monkeypatch: pytest
 
 def test_motions_that_are_not_finite_are_an_error() -> None:
     v = np.array([[0.0], [np.nan], [0.0]])
-    with pytest.raises(SolverError, match="lugre: given speeds or accelerations of the motors that are not finite"):
+    with pytest.raises(
+        SolverError, match="lugre: given speeds or accelerations of the motors that are not finite"
+    ):
         bristle_torques(law(), np.array([0.0, 1e-3, 2e-3]), v, 0.0 * v)
 
 
@@ -205,10 +226,14 @@ def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
         "gears": lambda: flexgen.identify_gears(model, tmp_path / "a.csv"),
     }
     for name, call in calls.items():
-        with pytest.raises(ArgumentError, match="whose motor m1 has lugre, expected motors without it"):
+        with pytest.raises(
+            ArgumentError, match="whose motor m1 has lugre, expected motors without it"
+        ):
             call()
             pytest.fail(name)
-    with pytest.raises(ArgumentError, match="motor m1 has lugre, a friction that depends on the motion before"):
+    with pytest.raises(
+        ArgumentError, match="motor m1 has lugre, a friction that depends on the motion before"
+    ):
         library_with(model, ["forward_dynamics"])
 
 
@@ -218,7 +243,10 @@ def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
         ({"coulomb": 0.5}, "stiffness"),
         ({"coulomb": 0.0, "stiffness": 1.0}, "coulomb"),
         ({"coulomb": 0.5, "stiffness": 0.0}, "stiffness"),
-        ({"coulomb": 0.5, "static": 0.4, "stribeck_speed": 1.0, "stiffness": 1.0}, "a number >= coulomb"),
+        (
+            {"coulomb": 0.5, "static": 0.4, "stribeck_speed": 1.0, "stiffness": 1.0},
+            "a number >= coulomb",
+        ),
         ({"coulomb": 0.5, "static": 0.8, "stiffness": 1.0}, "stribeck_speed in addition to static"),
         ({"coulomb": 0.5, "stiffness": 1.0, "damping": -1.0}, "damping"),
         ({"coulomb": 0.5, "stiffness": 1.0, "viscous": 1.0}, "viscous"),
@@ -231,11 +259,15 @@ def test_wrong_numbers_are_refused(given: dict[str, float], told: str) -> None:
 
 def test_a_motor_with_ripple_sends_more_for_the_same_torque() -> None:
     """The simulation has ripple and bristles from the equations of motion; planted: bristles without the ripple."""
-    model = bristled("elbow", TABLES, **{"motor.m1.torque_ripple": {"harmonics": [6], "cos": [0.05]}})
+    model = bristled(
+        "elbow", TABLES, **{"motor.m1.torque_ripple": {"harmonics": [6], "cos": [0.05]}}
+    )
     solution = flexgen.solve(model, progress=False)
     assert solution.status == "solved" and solution.tool_error_max_m < 1e-7
     path = solution.trajectory
     ripple = 0.05 * np.cos(6 * path["q_m"]) * [1.0, 0.0]
     planted = path["tau_m"] + path["tau_b"] - path["tau_b"] / (1 + ripple)
-    wrong = flexgen.Trajectory(path.time, dict(path.channels) | {"tau_m": planted}, path.ports, path.labels, path.meta)
+    wrong = flexgen.Trajectory(
+        path.time, dict(path.channels) | {"tau_m": planted}, path.ports, path.labels, path.meta
+    )
     assert flexgen.simulate(model, wrong).tool_error_max_m > 1e-6

@@ -46,12 +46,23 @@ def test_robots_in_other_units_of_time_are_as_fast():
     """16 and 32 times as quick as `planar5_nmp`: all numbers of the search but rounding are the same."""
 
     def duration(factor: float) -> float:
-        gears = [f"element.arm{k}.dof.q{k}.{gear}" for k, gear in ((1, "gear."), (2, "gear."), (3, ""))]
-        changes = {f"{gear}spring.stiffness": x for gear, x in zip(gears, (4e5, 2.5e5, 1.5e5), strict=True)}
-        changes = {key: x * factor**2 for key, x in changes.items()} | {"move.line.duration": 0.5 / factor}
-        changes |= {f"{gear}damping": x * factor for gear, x in zip(gears, (400.0, 250.0, 150.0), strict=True)}
+        gears = [
+            f"element.arm{k}.dof.q{k}.{gear}" for k, gear in ((1, "gear."), (2, "gear."), (3, ""))
+        ]
+        changes = {
+            f"{gear}spring.stiffness": x for gear, x in zip(gears, (4e5, 2.5e5, 1.5e5), strict=True)
+        }
+        changes = {key: x * factor**2 for key, x in changes.items()} | {
+            "move.line.duration": 0.5 / factor
+        }
+        changes |= {
+            f"{gear}damping": x * factor
+            for gear, x in zip(gears, (400.0, 250.0, 150.0), strict=True)
+        }
         changes |= {f"motor.m{k}.friction.viscous": 20e-4 * factor for k in (1, 2)}
-        robot = flexgen.read("planar5_nmp", overrides=changes | {"gravity": [0.0, -9.81 * factor**2, 0.0]})
+        robot = flexgen.read(
+            "planar5_nmp", overrides=changes | {"gravity": [0.0, -9.81 * factor**2, 0.0]}
+        )
         limits = Limits(torque=(25.0 * factor**2, 12.0 * factor**2))
         return factor * flexgen.fastest(robot, "line", limits=limits, progress=False).duration_s
 
@@ -72,7 +83,9 @@ def test_two_masses_against_their_minimum_time():
 def test_a_rigid_robot_needs_the_time_of_the_closed_form():
     """A speed limit: acceleration, constant speed, deceleration."""
     model = flexgen.read(TWO_MASS)
-    path = paths.Path(derive(model), model.moves["turn"] if isinstance(model.moves, dict) else model.moves[0])
+    path = paths.Path(
+        derive(model), model.moves["turn"] if isinstance(model.moves, dict) else model.moves[0]
+    )
     J, y, u, v = 0.047, 0.5, 10.0, 6.0
     expected = y / v + v * J / u
     assert rigid_time(path, np.array([u]), np.array([v])) == pytest.approx(expected, rel=2e-3)
@@ -100,7 +113,9 @@ def test_less_vibration_costs_a_little_time(planar):
     assert max(found.vibration_m.values()) <= 1.05 * allowed
     swings = []
     for solution in (planar.solution, found.solution):
-        run = flexgen.control("planar5_nmp", plants={"soft": {"stiffness": 0.9}}, solution=solution, progress=False)
+        run = flexgen.control(
+            "planar5_nmp", plants={"soft": {"stiffness": 0.9}}, solution=solution, progress=False
+        )
         after = run.reference.time >= run.reference.path_end
         error = run["soft"].error - run["soft"].error[-1]
         swings.append(np.linalg.norm(error[after], axis=1).max())
@@ -115,7 +130,9 @@ def test_a_bound_of_the_rates_is_kept_and_costs_time(planar):
     t = np.linspace(path.time[0], path.time[-1], 8 * len(path.time))
     rate = np.abs(np.diff(path.at(t)["tau_m"], axis=0)).max(axis=0) / (t[1] - t[0])
     given = found.default.trajectory
-    assert bound == pytest.approx(1.5 * np.abs(np.gradient(given["tau_m"], given.time, axis=0)).max(axis=0))
+    assert bound == pytest.approx(
+        1.5 * np.abs(np.gradient(given["tau_m"], given.time, axis=0)).max(axis=0)
+    )
     assert 0.99 < (rate / bound).max() <= 1.0 + 5e-4 and found.duration_s > planar.duration_s
 
 
@@ -130,7 +147,9 @@ def test_solve_with_fastest_warns_and_takes_the_fastest_time_law(planar):
 def test_a_spline_law_is_at_rest_at_both_ends():
     law = SplineLaw(0.7, tuple(np.linspace(0.1, 0.9, 9)), 2.0)
     ends = law(np.array([0.0, 1e-9, 0.7 - 1e-9, 0.7, 1.0]))
-    assert np.allclose(ends[:, 0], [0, 0, 2, 2, 2], atol=1e-12) and np.abs(ends[:, 1:5]).max() < 1e-6
+    assert (
+        np.allclose(ends[:, 0], [0, 0, 2, 2, 2], atol=1e-12) and np.abs(ends[:, 1:5]).max() < 1e-6
+    )
     assert np.abs(ends[:, 5]).max() < 1e-6 * np.abs(law(np.linspace(0, 0.7, 99))[:, 5]).max()
     t = np.linspace(0.05, 0.65, 7)
     h = 1e-6
@@ -173,7 +192,11 @@ def test_the_largest_speed_at_a_point_is_that_of_a_linear_program():
     rng, found = np.random.default_rng(4), []
     for _ in range(25):
         a, b, g = rng.normal(size=(3, 3))
-        b, torque, after = 10 ** rng.uniform(-1, 2) * b, rng.uniform(0.5, 2.0, 3), float(rng.uniform(0.1, 5.0))
+        b, torque, after = (
+            10 ** rng.uniform(-1, 2) * b,
+            rng.uniform(0.5, 2.0, 3),
+            float(rng.uniform(0.1, 5.0)),
+        )
         rows = np.array([*np.stack([a, b], 1), *np.stack([-a, -b], 1), [0.2, 1.0], [-0.2, -1.0]])
         right = np.concatenate([torque - g, torque + g, [after, 0.0]])
         best = linprog([0.0, -1.0], A_ub=rows, b_ub=right, bounds=[(None, None), (0.0, 100.0)])
@@ -199,6 +222,8 @@ def test_no_step_has_less_vibration_than_that_of_the_linear_program():
             return np.abs(s + change[4:]).max() + time_search.CALM * over
 
         own = time_search.TimeSearch._calm_program(None, x, g, s, G, trust)
-        assert np.abs(own).max() <= trust + 1e-9 and np.diff([0.0, *(x[1:] + own), 1.0]).min() >= -1e-9
+        assert (
+            np.abs(own).max() <= trust + 1e-9 and np.diff([0.0, *(x[1:] + own), 1.0]).min() >= -1e-9
+        )
         assert cost(own) < cost(np.zeros(3))
         assert all(cost(own) <= cost(step) + 1e-9 for step in rng.uniform(-trust, trust, (300, 3)))

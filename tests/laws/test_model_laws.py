@@ -79,7 +79,8 @@ def test_discrete_gains_place_the_poles_of_the_sampled_chain():
         held = expm(whole * H)
         closed = held[:n, :n] - np.outer(held[:n, n], gains)
         wanted = np.poly([np.exp(-w * H)] * n)
-        assert np.allclose(np.poly(closed), wanted, rtol=0, atol=1e-12)  # the coefficients: the roots are multiple
+        # the coefficients: the roots are multiple
+        assert np.allclose(np.poly(closed), wanted, rtol=0, atol=1e-12)
 
 
 def growth(case, law) -> float:
@@ -118,7 +119,8 @@ def test_the_error_of_the_nominal_arm_vanishes_with_the_sample_time():
     """Without damping of the gears: first order in the sample time, second with the predicted state; no noise."""
     model = arm(damped=False)
     plain, predicted = (
-        [run(case_of(model, h), FL(16.0, predict=p)).tool_error_max_m for h in (1e-3, 2.5e-4)] for p in (False, True)
+        [run(case_of(model, h), FL(16.0, predict=p)).tool_error_max_m for h in (1e-3, 2.5e-4)]
+        for p in (False, True)
     )
     assert plain[1] < 0.3 * plain[0] < 3e-5
     assert predicted[1] < 0.07 * predicted[0] and predicted[1] < 1e-6
@@ -127,7 +129,9 @@ def test_the_error_of_the_nominal_arm_vanishes_with_the_sample_time():
 @pytest.mark.slow
 def test_prediction_removes_the_effect_of_the_delay():
     model = arm(damped=False)
-    late, none = (run(case_of(model, H, d), FL(16.0, predict=True)).tool_error_max_m for d in (1.3e-3, 0.0))
+    late, none = (
+        run(case_of(model, H, d), FL(16.0, predict=True)).tool_error_max_m for d in (1.3e-3, 0.0)
+    )
     assert late == pytest.approx(none, rel=2e-2)
     assert run(case_of(model, H, 1.3e-3), FL(16.0)).tool_error_max_m > 5 * none
 
@@ -164,7 +168,9 @@ def test_planted_bugs_are_seen(planted):
     model = arm(damped=False)
     case = case_of(model, H, H)
     law, _ = case_controller(case, FL(16.0, predict=True))
-    wrong = planted(**{name: getattr(law, name) for name in law.__dataclass_fields__ if name != "_now"})
+    wrong = planted(
+        **{name: getattr(law, name) for name in law.__dataclass_fields__ if name != "_now"}
+    )
     right = run_case(case, law, "right").tool_error_max_m
     assert right < 1.3e-5  # the second order of the sample time
     assert run_case(case, PythonController(wrong), "wrong").tool_error_max_m > 2 * right
@@ -190,7 +196,9 @@ def test_feedback_linearisation_in_python_and_c_gives_the_same_bits():
 @pytest.mark.parametrize("exact", [True, False])
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.title)
 def test_python_and_c_give_the_same_bits(law, exact):
-    case = case_of(arm(), H, 1.3e-3, exact_state=exact, encoder_noise=1e-5, plants={"soft": {"stiffness": 0.9}})
+    case = case_of(
+        arm(), H, 1.3e-3, exact_state=exact, encoder_noise=1e-5, plants={"soft": {"stiffness": 0.9}}
+    )
     made, name = case_controller(case, law)
     runs = [run_case(case, x, name) for x in (made, PythonController(made))]
     assert runs[0].status == runs[1].status == "done"
@@ -202,14 +210,28 @@ def test_python_and_c_give_the_same_bits(law, exact):
 def test_motors_that_drive_several_joints():
     """A full matrix of gear ratios: the error vanishes with the sample time, and both twins give the same bits."""
     model = coupled()
-    errors = [run(case_of(model, h), FL(16.0, predict=True)).tool_error_max_m for h in (1e-3, 2.5e-4)]
+    errors = [
+        run(case_of(model, h), FL(16.0, predict=True)).tool_error_max_m for h in (1e-3, 2.5e-4)
+    ]
     assert errors[1] < 0.07 * errors[0] and errors[1] < 1e-6
     case = case_of(model, 2e-3, exact_state=False, encoder_noise=1e-5)
-    gains = {"k_p": (6.0,) * 3, "k_d": (0.3,) * 3, "k_t": (0.1, 0.2, 0.3), "k_s": (0.001, 0.002, 0.003)}
-    for law in (flexgen.ComputedTorque(1.0), flexgen.JointTorqueFeedback(**gains), flexgen.TomeiPD(), flexgen.LQ()):
+    gains = {
+        "k_p": (6.0,) * 3,
+        "k_d": (0.3,) * 3,
+        "k_t": (0.1, 0.2, 0.3),
+        "k_s": (0.001, 0.002, 0.003),
+    }
+    for law in (
+        flexgen.ComputedTorque(1.0),
+        flexgen.JointTorqueFeedback(**gains),
+        flexgen.TomeiPD(),
+        flexgen.LQ(),
+    ):
         made, name = case_controller(case, law)
         runs = [run_case(case, x, name) for x in (made, PythonController(made))]
-        assert runs[0].status == "done" and np.array_equal(runs[0].nominal.tau_m, runs[1].nominal.tau_m)
+        assert runs[0].status == "done" and np.array_equal(
+            runs[0].nominal.tau_m, runs[1].nominal.tau_m
+        )
         if not isinstance(law, flexgen.ComputedTorque | flexgen.TomeiPD):
             assert runs[0].tool_error_max_m < 1e-4
 
@@ -247,7 +269,8 @@ def test_tomei_rests_at_the_path_and_tracks_with_feedforward():
     case = case_of(model, H, exact_state=False)
     rests = run(case, flexgen.TomeiPD(6.0))
     assert rests.tool_error_max_m > 1e-3 and rests.figures(rests.nominal)["error_end_m"] < 1e-6
-    assert run(case, flexgen.TomeiPD(6.0, feedforward=True)).tool_error_max_m < 2e-6  # that of the sample time
+    # that of the sample time
+    assert run(case, flexgen.TomeiPD(6.0, feedforward=True)).tool_error_max_m < 2e-6
 
 
 def test_joint_torque_feedback_places_the_poles_of_a_joint(tmp_path):
@@ -301,7 +324,9 @@ def test_models_that_do_not_fit_are_refused(model, law, words):
 def test_computed_torque_refuses_friction_of_the_load():
     law = {"type": "gear", "beta": 1.0, "load_coulomb": 0.1, "load_smoothing": 0.1}
     model = flexgen.read("elbow", overrides={"motor.m1.friction": law})
-    with pytest.raises(ArgumentError, match="controller ComputedTorque: given elbow, whose motor m1 has a friction"):
+    with pytest.raises(
+        ArgumentError, match="controller ComputedTorque: given elbow, whose motor m1 has a friction"
+    ):
         flexgen.control(model, controller=flexgen.ComputedTorque(), progress=False)
 
 
@@ -316,9 +341,18 @@ def _solution(name):
         (flexgen.ComputedTorque(60.0), "given 60 Hz, with which the loop is unstable"),
         (flexgen.TomeiPD(0.2), "gravity changes by .* larger gains"),
         (flexgen.TomeiPD(60.0), "the loop is unstable"),
-        (flexgen.TomeiPD(k_p=(1.0, 2.0), k_d=(1.0, 2.0)), r"k_p: given \(1.0, 2.0\), expected 3 numbers > 0"),
-        (flexgen.JointTorqueFeedback(60.0), "frequency_hz: given 60 Hz, with which the loop is unstable"),
-        (flexgen.JointTorqueFeedback(k_p=(1,), k_d=(1,), k_t=(0,), k_s=(0,)), "expected 3 finite numbers"),
+        (
+            flexgen.TomeiPD(k_p=(1.0, 2.0), k_d=(1.0, 2.0)),
+            r"k_p: given \(1.0, 2.0\), expected 3 numbers > 0",
+        ),
+        (
+            flexgen.JointTorqueFeedback(60.0),
+            "frequency_hz: given 60 Hz, with which the loop is unstable",
+        ),
+        (
+            flexgen.JointTorqueFeedback(k_p=(1,), k_d=(1,), k_t=(0,), k_s=(0,)),
+            "expected 3 finite numbers",
+        ),
     ],
 )
 def test_gains_that_are_unstable_or_do_not_fit_are_refused(law, words):
@@ -333,7 +367,10 @@ def test_gains_that_are_unstable_or_do_not_fit_are_refused(law, words):
         (lambda: FL(float("nan")), "frequency_hz: given nan"),
         (lambda: FL(form="fast"), "form: given 'fast', expected one of continuous, discrete"),
         (lambda: flexgen.TomeiPD(k_p=(1.0,)), "given one of them, expected both or none"),
-        (lambda: flexgen.JointTorqueFeedback(k_p=(1.0,)), "given some of them, expected all four or none"),
+        (
+            lambda: flexgen.JointTorqueFeedback(k_p=(1.0,)),
+            "given some of them, expected all four or none",
+        ),
         (lambda: flexgen.LQ(0.0), "rho: given 0.0"),
         (lambda: flexgen.LQ(None), "rho: given None"),
         (lambda: FL("abc"), "frequency_hz: given 'abc'"),
@@ -354,11 +391,14 @@ def test_wrong_parameters_are_refused(made, words):
 @pytest.mark.slow
 def test_a_loop_that_is_unstable_at_some_poses_is_refused():
     """In the middle of this move the loop at 40 Hz is stable; unstable near the start, the arm ran away by 1.5 m."""
-    move = flexgen.Move("far", "joint", (0.0, 0.0, 0.0), 1.5, 5, end=tuple(np.deg2rad([30.0, 60.0, 150.0])))
+    move = flexgen.Move(
+        "far", "joint", (0.0, 0.0, 0.0), 1.5, 5, end=tuple(np.deg2rad([30.0, 60.0, 150.0]))
+    )
     model = replace(arm(), moves=(move,))
     case = control_case(model, sample_time=H, solution=solution_of(model))
     with pytest.raises(
-        ArgumentError, match=r"given 40 Hz, with which the loop is unstable at the pose 0\.25\d* s after"
+        ArgumentError,
+        match=r"given 40 Hz, with which the loop is unstable at the pose 0\.25\d* s after",
     ):
         case_controller(case, flexgen.JointTorqueFeedback(40.0))
     assert run(case, flexgen.JointTorqueFeedback(20.0)).tool_error_max_m < 1e-4
@@ -399,13 +439,18 @@ def test_the_state_gain_is_that_of_the_exact_state_or_of_differences_of_angles()
     _, _, C, D = LQ()._part(K, motion, None, 5 + 2 * (n_a + n_m))
     q_a, v_a, q_m, v_m = (rng.normal(size=n) for n in (n_a, n_a, n_m, n_m))
     measured = np.concatenate([rng.normal(size=5), q_a, v_a, q_m, v_m])
-    assert C.shape[1] == 0 and np.allclose(D @ measured, K @ np.concatenate([q_a, q_m, v_a, v_m]), rtol=1e-12)
+    assert C.shape[1] == 0 and np.allclose(
+        D @ measured, K @ np.concatenate([q_a, q_m, v_a, v_m]), rtol=1e-12
+    )
     motion.exact_state = False
     A, B, C, D = LQ()._part(K, motion, np.arange(n_m, n_m + n_a), n_m + n_a)
-    last = np.concatenate([q_a, q_m]) - H * np.concatenate([v_a, v_m])  # the state: angles at the last sample
+    # the state: angles at the last sample
+    last = np.concatenate([q_a, q_m]) - H * np.concatenate([v_a, v_m])
     expected = K @ np.concatenate([q_a, q_m, v_a, v_m])
     assert np.allclose(C @ last + D @ np.concatenate([q_m, q_a]), expected, rtol=1e-9)
-    assert not A.any() and np.array_equal(B @ np.concatenate([q_m, q_a]), np.concatenate([q_a, q_m]))
+    assert not A.any() and np.array_equal(
+        B @ np.concatenate([q_m, q_a]), np.concatenate([q_a, q_m])
+    )
 
 
 def test_late_link_encoders_are_refused():
@@ -415,13 +460,20 @@ def test_late_link_encoders_are_refused():
     late = replace(model, sensors=(replace(first, delay_s=5e-3), *others))
     motion = case_of(model, H, exact_state=False).law_motion()
     for law in (FL(14.0), flexgen.JointTorqueFeedback(), flexgen.LQ()):
-        with pytest.raises(ArgumentError, match=f"sensor {first.name}: given delay_s = 0.005 s, expected 0 s"):
+        with pytest.raises(
+            ArgumentError, match=f"sensor {first.name}: given delay_s = 0.005 s, expected 0 s"
+        ):
             law.bound(replace(motion, model=late))
-    assert (replace(motion, model=replace(late, sensors=(*late.sensors, first))).link_channels("x") == [6, 4, 5]).all()
+    assert (
+        replace(motion, model=replace(late, sensors=(*late.sensors, first))).link_channels("x")
+        == [6, 4, 5]
+    ).all()
 
 
 def test_a_law_needs_a_planned_motion():
-    with pytest.raises(ArgumentError, match="expected one that regulates without the planned motion"):
+    with pytest.raises(
+        ArgumentError, match="expected one that regulates without the planned motion"
+    ):
         flexgen.score("two_link", FL(), progress=False)
 
 
@@ -437,19 +489,28 @@ def test_a_law_needs_a_planned_motion():
             'type = "tomei_pd"\nk_p = [1.0, true]\nk_d = [1.0, 1.0]',
             "2:k_p: given .*, expected a sequence with a number in each place",
         ),
-        ('type = "fuzzy"', '1:type: given "fuzzy", expected one of cascade, .*, feedback_linearisation'),
+        (
+            'type = "fuzzy"',
+            '1:type: given "fuzzy", expected one of cascade, .*, feedback_linearisation',
+        ),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, text, words):
     (tmp_path / "law.toml").write_text(text)
     with pytest.raises(ArgumentError, match=words):
-        flexgen.control(ARM, controller=str(tmp_path / "law.toml"), solution=solution_of(arm()), progress=False)
+        flexgen.control(
+            ARM, controller=str(tmp_path / "law.toml"), solution=solution_of(arm()), progress=False
+        )
 
 
 def test_a_file_is_the_same_law(tmp_path):
-    (tmp_path / "law.toml").write_text('type = "feedback_linearisation"\nfrequency_hz = 14.0\nform = "discrete"\n')
+    (tmp_path / "law.toml").write_text(
+        'type = "feedback_linearisation"\nfrequency_hz = 14.0\nform = "discrete"\n'
+    )
     runs = [
-        flexgen.control(ARM, controller=c, solution=solution_of(arm()), sample_time=H, progress=False)
+        flexgen.control(
+            ARM, controller=c, solution=solution_of(arm()), sample_time=H, progress=False
+        )
         for c in (str(tmp_path / "law.toml"), FL(14.0, "discrete"))
     ]
     assert np.array_equal(runs[0].nominal.tau_m, runs[1].nominal.tau_m)
@@ -476,6 +537,10 @@ def test_the_exact_state_is_that_of_the_plant():
     watch.controller.__class__.__deepcopy__ = lambda self, memo: seen.append(self) or self
     found = run_case(case, watch, "watch")
     state, reference = (np.array(x) for x in zip(*seen[0].shown, strict=True))
-    assert np.array_equal(state[:, :3], found.nominal.q_a) and np.array_equal(state[:, 6:9], found.nominal.q_m)
+    assert np.array_equal(state[:, :3], found.nominal.q_a) and np.array_equal(
+        state[:, 6:9], found.nominal.q_m
+    )
     motion = case.reference.motion
-    assert np.array_equal(reference, np.hstack([motion[name] for name in ("q_a", "v_a", "q_m", "v_m")]))
+    assert np.array_equal(
+        reference, np.hstack([motion[name] for name in ("q_a", "v_a", "q_m", "v_m")])
+    )

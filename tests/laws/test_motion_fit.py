@@ -27,25 +27,45 @@ from flexgen.simulation.segments import Segments
 FREE = ["stiffness", "damping"]
 
 
-def recorded(folder: Path, robot: RobotModel, noise: float = 0.0, *, seed: int = 0, encoder: bool = False) -> Path:
+def recorded(
+    folder: Path, robot: RobotModel, noise: float = 0.0, *, seed: int = 0, encoder: bool = False
+) -> Path:
     """A motion of a robot under its drives, as a description of recordings without period."""
     model = flexgen.read("planar5_nmp")
     if encoder:
-        sensor = {"name": "link", "type": "link_encoder", "coordinate": "q1", "unit": "rad", "noise": 0.01 * noise}
+        sensor = {
+            "name": "link",
+            "type": "link_encoder",
+            "coordinate": "q1",
+            "unit": "rad",
+            "noise": 0.01 * noise,
+        }
         sensors = flexgen.read("planar5_nmp", overrides={"sensor": [sensor]}).sensors
         model, robot = replace(model, sensors=sensors), replace(robot, sensors=sensors)
     drives = DriveHardware(5e-4, encoder_noise_rad=noise)
     plan: Plan = flexgen.excite(
-        model, poses=poses_of(model, 1), speed_rms=0.1, f_max=60.0, hardware=drives, period_s=1.0, periods=2
+        model,
+        poses=poses_of(model, 1),
+        speed_rms=0.1,
+        f_max=60.0,
+        hardware=drives,
+        period_s=1.0,
+        periods=2,
     )
     writer = RecordingWriter(folder, plan, model)
     flexgen.measure(plan, robot, seed=seed, raw=writer)
     path = writer.finish()
     if encoder:
         text = (Path(__file__).parents[2] / "models" / "planar5_nmp.toml").read_text()
-        text += '\n[[sensor]]\nname = "link"\ntype = "link_encoder"\ncoordinate = "q1"\nunit = "rad"\n'
+        text += (
+            '\n[[sensor]]\nname = "link"\ntype = "link_encoder"\ncoordinate = "q1"\nunit = "rad"\n'
+        )
         (folder / "robot.toml").write_text(text)
-    rows = [line for line in path.read_text().splitlines() if not line.startswith(("period_s", "line_numbers"))]
+    rows = [
+        line
+        for line in path.read_text().splitlines()
+        if not line.startswith(("period_s", "line_numbers"))
+    ]
     if encoder:
         rows[0] = 'model = "robot.toml"'
     path.write_text("\n".join(rows))
@@ -61,8 +81,11 @@ def truth() -> RobotModel:
 @pytest.mark.slow
 def test_parameters_of_a_motion_without_noise(truth: RobotModel, tmp_path: Path) -> None:
     found = fit_motion(None, recorded(tmp_path, truth), free=[*FREE, "friction"], segment_s=0.05)
-    assert found.status == FitStatus.SMALL_ERROR and min(found.fit_percent) > 99.99  # what is left are roundings
-    exact = {p.name: p.value for p in flexgen.mechanics.parameters.select(truth, list(found.values))}
+    # what is left are roundings
+    assert found.status == FitStatus.SMALL_ERROR and min(found.fit_percent) > 99.99
+    exact = {
+        p.name: p.value for p in flexgen.mechanics.parameters.select(truth, list(found.values))
+    }
     for name, value in found.values.items():
         if name in found.used():
             assert value == pytest.approx(exact[name], rel=1e-3), name
@@ -75,7 +98,9 @@ def test_errors_are_as_large_as_their_deviations(truth: RobotModel, tmp_path: Pa
     scores = []
     for seed in range(4):
         folder = tmp_path / str(seed)
-        found = fit_motion(None, recorded(folder, truth, 1e-4, seed=seed), free=FREE, segment_s=0.05)
+        found = fit_motion(
+            None, recorded(folder, truth, 1e-4, seed=seed), free=FREE, segment_s=0.05
+        )
         scores.append([np.log(found.values[n] / exact[n]) / found.sd[n] for n in found.values])
         assert min(found.white) > 0.8
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.6
@@ -86,9 +111,14 @@ def test_a_link_encoder_makes_stiffness_more_accurate(truth: RobotModel, tmp_pat
     sds = []
     for encoder in (False, True):
         folder = tmp_path / str(encoder)
-        found = fit_motion(None, recorded(folder, truth, 1e-4, encoder=encoder), free=FREE, segment_s=0.05)
+        found = fit_motion(
+            None, recorded(folder, truth, 1e-4, encoder=encoder), free=FREE, segment_s=0.05
+        )
         exact = {p.name: p.value for p in flexgen.mechanics.parameters.select(truth, FREE)}
-        assert abs(np.log(found.values["q1.stiffness"] / exact["q1.stiffness"])) < 5 * found.sd["q1.stiffness"]
+        assert (
+            abs(np.log(found.values["q1.stiffness"] / exact["q1.stiffness"]))
+            < 5 * found.sd["q1.stiffness"]
+        )
         sds.append(found.sd["q1.stiffness"])
         assert len(found.rms) == 2 + encoder
     assert sds[1] < 0.9 * sds[0]
@@ -104,7 +134,9 @@ def test_the_stated_delay_of_a_link_encoder_is_taken_out(truth: RobotModel, tmp_
         arrays["s_1"] = CubicSpline(t, arrays["s_1"])(np.maximum(t - 1.25e-3, t[0]))
         np.savez(file, **arrays)
     late = fit_motion(None, path, free=FREE, segment_s=0.05)
-    (tmp_path / "robot.toml").write_text((tmp_path / "robot.toml").read_text() + "delay_s = 1.25e-3\n")
+    (tmp_path / "robot.toml").write_text(
+        (tmp_path / "robot.toml").read_text() + "delay_s = 1.25e-3\n"
+    )
     stated = fit_motion(None, path, free=FREE, segment_s=0.05)
     assert stated.rms[-1] < 0.2 * late.rms[-1] and stated.fit_percent[-1] > late.fit_percent[-1]
 
@@ -136,7 +168,9 @@ def test_segments_are_those_of_another_integrator(robots: int) -> None:
     local = LocalModel(model, ["q1.stiffness"])
     rows = np.hstack([local.motor_rows, np.zeros_like(local.motor_rows)])
     x, u, p = (local.rate.sx_in(k) for k in range(3))
-    power = ca.Function("power", [x, u, p], [p * u * ca.mtimes(ca.DM(local.motor_rows), x[model.dof :])])
+    power = ca.Function(
+        "power", [x, u, p], [p * u * ca.mtimes(ca.DM(local.motor_rows), x[model.dof :])]
+    )
     segments, powers = Segments(local.rate, rows, 1e-3, 16), Segments(local.rate, power, 1e-3, 16)
     rng = np.random.default_rng(0)
     start = 0.1 * rng.normal(size=(robots, 2 * model.dof))
@@ -150,7 +184,9 @@ def test_segments_are_those_of_another_integrator(robots: int) -> None:
     assert np.array_equal(y, whole @ rows.T) or np.abs(y - whole @ rows.T).max() < 1e-14
     rate = local.equations.function("state_rate")
     for robot in range(robots):
-        alone = segments(*(each[robot : robot + 1] for each in (start, torques[sets], sets * 0, offset, k)))
+        alone = segments(
+            *(each[robot : robot + 1] for each in (start, torques[sets], sets * 0, offset, k))
+        )
         assert np.array_equal(alone[0], y[robot])  # whatever is computed with it
         state = start[robot]
         for step in range(5 * 16):

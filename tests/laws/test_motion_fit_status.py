@@ -60,7 +60,12 @@ def recorded(
         q, p, v, w = x
         spring = k * (q - p) + 0.05 * (v - w)
         return np.array(
-            [v, w, (torque - spring - clamp * q - VISCOUS * v) / J_M, (spring - coulomb * np.tanh(w / 0.1)) / J_L]
+            [
+                v,
+                w,
+                (torque - spring - clamp * q - VISCOUS * v) / J_M,
+                (spring - coulomb * np.tanh(w / 0.1)) / J_L,
+            ]
         )
 
     x, angle, h = np.zeros(4), np.empty(SAMPLES), T / STEPS
@@ -82,7 +87,10 @@ def recorded(
 def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, MotionFit]:
     """Fits of a robot that is as the model, of one with friction that the model lacks, and others held out."""
     folder = tmp_path_factory.mktemp("runs")
-    first, same = recorded(folder / "first", 330.0, 0), recorded(folder / "same", 330.0, 1, size=0.5)
+    first, same = (
+        recorded(folder / "first", 330.0, 0),
+        recorded(folder / "same", 330.0, 1, size=0.5),
+    )
     rough = recorded(folder / "rough", 330.0, 0, coulomb=1.0)
     softer = recorded(folder / "softer", 250.0, 1)
 
@@ -96,10 +104,14 @@ def test_white_residuals_and_equal_errors_elsewhere_are_fitted(fits: dict[str, M
     found = fits["right"]
     assert found.status == FitStatus.FITTED and min(found.white) >= 0.85
     deviation = found.sd["q1.stiffness"]
-    assert deviation is not None and abs(np.log(found.values["q1.stiffness"] / 330.0)) < 4 * deviation
+    assert (
+        deviation is not None and abs(np.log(found.values["q1.stiffness"] / 330.0)) < 4 * deviation
+    )
 
 
-def test_residuals_that_are_not_white_are_a_model_error(fits: dict[str, MotionFit], tmp_path: Path) -> None:
+def test_residuals_that_are_not_white_are_a_model_error(
+    fits: dict[str, MotionFit], tmp_path: Path
+) -> None:
     """Friction that the model lacks: the fit explains most of the motion, but the residual is not noise."""
     found = fits["friction"]
     assert min(found.fit_percent) > 60 and max(found.white) < 0.5
@@ -107,10 +119,15 @@ def test_residuals_that_are_not_white_are_a_model_error(fits: dict[str, MotionFi
     assert "model error, no standard deviations" in found.write(tmp_path / "new.toml").read_text()
 
 
-def test_recordings_that_the_model_does_not_predict_are_a_poor_validation(fits: dict[str, MotionFit]) -> None:
+def test_recordings_that_the_model_does_not_predict_are_a_poor_validation(
+    fits: dict[str, MotionFit],
+) -> None:
     """A stiffness 24 % smaller in the other recording; the fitted one is explained within its noise."""
     found = fits["other robot"]
-    assert min(found.white) >= 0.85 and found.held_out_percent[0] < fits["right"].held_out_percent[0] - 1
+    assert (
+        min(found.white) >= 0.85
+        and found.held_out_percent[0] < fits["right"].held_out_percent[0] - 1
+    )
     assert found.status == FitStatus.POORLY_VALIDATED and found.covariance is None
 
 
@@ -120,13 +137,28 @@ def test_a_held_out_fit_of_minus_thousands_of_percent_forbids_the_new_file(
     """A brake that clamps the motor in the other recording, which the model lacks: it predicts far larger motions."""
     run = recorded(tmp_path / "run", 330.0, 0)
     clamped = recorded(tmp_path / "clamped", 330.0, 1, clamp=3e4, noise=1e-6)
-    words = ["identify", str(run.parent / "bench.toml"), str(run), "--segments", "0.05", "--free", "stiffness,damping"]
+    words = [
+        "identify",
+        str(run.parent / "bench.toml"),
+        str(run),
+        "--segments",
+        "0.05",
+        "--free",
+        "stiffness,damping",
+    ]
     words += ["--validate", str(clamped)]
     main([*words, "-q"])
     said = capsys.readouterr().out
-    assert "poorly validated" in said and "Do not use the new model file" in said and "Use the new" not in said
+    assert (
+        "poorly validated" in said
+        and "Do not use the new model file" in said
+        and "Use the new" not in said
+    )
     assert main([*words, "--json", "-q"]) in (0, 1)
     found = json.loads(capsys.readouterr().out)
     assert min(found["held_out_percent"]) < -1000 and min(found["fit_percent"]) > 98
-    assert found["status"] == "poorly validated" and {row["sd"] for row in found["parameters"]} == {None}
-    assert fits["right"].status == FitStatus.FITTED  # the same recording, validated by one of the same robot
+    assert found["status"] == "poorly validated" and {row["sd"] for row in found["parameters"]} == {
+        None
+    }
+    # the same recording, validated by one of the same robot
+    assert fits["right"].status == FitStatus.FITTED

@@ -65,18 +65,31 @@ def drive(tmp_path: Path) -> flexgen.RobotModel:
     return flexgen.read(tmp_path / "drive.toml", overrides=SUMS)
 
 
-def own_accelerations(q: float, v: float, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> tuple[Any, Any]:
+def own_accelerations(
+    q: float, v: float, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray
+) -> tuple[Any, Any]:
     """By hand: virtual work of the spring torque in d = q_m/n - e(q_m) - q, with delta q and delta q_m."""
     e, slope = value(ERROR, q_m), value(ERROR, q_m, 1)
     torque = K * (q_m / N - e - q) + D * (v_m / N - slope * v_m - v)
-    motor = tau * (1 + value(RIPPLE, q_m)) + value(COGGING, q_m) - VISCOUS * v_m - torque * (1 / N - slope)
+    motor = (
+        tau * (1 + value(RIPPLE, q_m))
+        + value(COGGING, q_m)
+        - VISCOUS * v_m
+        - torque * (1 / N - slope)
+    )
     return torque / J_A, motor / J_M
 
 
 def states(n: int) -> list[np.ndarray]:
     rng = np.random.default_rng(5)
     q, v = rng.normal(size=(2, n))
-    return [q, v, N * q + 0.3 * rng.normal(size=n), N * v + 5.0 * rng.normal(size=n), rng.normal(size=n)]
+    return [
+        q,
+        v,
+        N * q + 0.3 * rng.normal(size=n),
+        N * v + 5.0 * rng.normal(size=n),
+        rng.normal(size=n),
+    ]
 
 
 def dynamics_error(model: flexgen.RobotModel) -> float:
@@ -86,7 +99,9 @@ def dynamics_error(model: flexgen.RobotModel) -> float:
     for state in np.array(states(20)).T:
         expected = own_accelerations(*(np.array(x) for x in state))
         found = [float(x) for x in forward(*state)]
-        worst = max(worst, *(abs(a - b) / (1 + abs(b)) for a, b in zip(found, expected, strict=True)))
+        worst = max(
+            worst, *(abs(a - b) / (1 + abs(b)) for a, b in zip(found, expected, strict=True))
+        )
     return worst
 
 
@@ -131,13 +146,17 @@ def test_power_balance(name: str) -> None:
     equations, rng = flexgen.derive(model), np.random.default_rng(3)
     n, n_m, i_g = model.n_a, model.n_m, list(model.i_g)
     x, rates = ca.SX.sym("x", 2 * (n + n_m)), ca.SX.sym("rates", 2 * (n + n_m))
-    stored = sum(equations.function("energy")(*ca.vertsplit(x, [0, n, 2 * n, 2 * n + n_m, 2 * (n + n_m)])))
+    stored = sum(
+        equations.function("energy")(*ca.vertsplit(x, [0, n, 2 * n, 2 * n + n_m, 2 * (n + n_m)]))
+    )
     slope = ca.Function("slope", [x, rates], [ca.jtimes(stored, x, rates)])
     for _ in range(5):
         q, v = rng.uniform(-1.0, 1.0, (2, n))
         motors = [model.eta @ x[i_g] + rng.uniform(-0.1, 0.1, n_m) for x in (q, v)]
         tau = rng.uniform(-5.0, 5.0, n_m)
-        a, a_m = (np.array(x).ravel() for x in equations.function("forward_dynamics")(q, v, *motors, tau))
+        a, a_m = (
+            np.array(x).ravel() for x in equations.function("forward_dynamics")(q, v, *motors, tau)
+        )
         given, lost = (float(each) for each in equations.function("power")(q, v, *motors, tau))
         found = float(slope(np.r_[q, v, motors[0], motors[1]], np.r_[v, a, motors[1], a_m]))
         assert found == pytest.approx(given - lost, rel=1e-9, abs=1e-9 * (abs(given) + abs(lost)))
@@ -165,7 +184,11 @@ def test_motor_angles_solve_their_equation(
     drive: flexgen.RobotModel, tmp_path: Path, steep: float, harmonics: tuple[int, ...]
 ) -> None:
     """Of errors up to almost the steepest that a model may have, to rounding; speed and acceleration by differences."""
-    table = {"harmonics": list(harmonics), "cos": [1.0] * len(harmonics), "sin": [0.5] * len(harmonics)}
+    table = {
+        "harmonics": list(harmonics),
+        "cos": [1.0] * len(harmonics),
+        "sin": [0.5] * len(harmonics),
+    }
     size = steep / N / FourierSum(harmonics, tuple(table["cos"]), tuple(table["sin"])).bound(1)
     table |= {key: [size * x for x in table[key]] for key in ("cos", "sin")}
     key = "element.link.dof.q1.gear.transmission_error"
@@ -236,8 +259,16 @@ def test_hysteresis_and_sums_together() -> None:
         ("motor.m1.cogging", {"harmonics": [1]}, "a list cos or sin"),
         ("motor.m1.cogging", {"harmonics": [1, 2], "sin": [1]}, "given 1 numbers, expected 2"),
         ("motor.m1.torque_ripple", {"harmonics": [1], "sin": [1]}, "sum is below 1"),
-        ("motor.m1.encoder_error", {"harmonics": [2], "sin": [0.5]}, "the reading rises with the angle"),
-        ("element.link.dof.q1.gear.transmission_error", {"harmonics": [9], "sin": [1e-3]}, "below 0.5"),
+        (
+            "motor.m1.encoder_error",
+            {"harmonics": [2], "sin": [0.5]},
+            "the reading rises with the angle",
+        ),
+        (
+            "element.link.dof.q1.gear.transmission_error",
+            {"harmonics": [9], "sin": [1e-3]},
+            "below 0.5",
+        ),
     ],
 )
 def test_wrong_tables_are_refused(
@@ -262,7 +293,9 @@ def test_coupled_gears_have_no_transmission_error() -> None:
     both = {"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 250.0]}
     flexgen.read("elbow", overrides=both | {"motor.m2.cogging": COGGING})
     with pytest.raises(ModelError, match="one motor of its own"):
-        flexgen.read("elbow", overrides=both | {"element.fore.dof.q2.gear.transmission_error": ERROR})
+        flexgen.read(
+            "elbow", overrides=both | {"element.fore.dof.q2.gear.transmission_error": ERROR}
+        )
 
 
 @pytest.mark.slow

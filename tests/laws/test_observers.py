@@ -26,10 +26,14 @@ pytestmark = needs_compiler
 CASES = [
     ("planar5_nmp", "motors", 1e-3, True),
     ("planar5_nmp", ("motors", "tool_accelerometer", "tool_gyro"), 1e-3, True),
-    ("planar5_nmp", ("m2", "tool_accelerometer", "m1", "link_encoders"), 4e-3, False),  # F is squared here
-    ("manutec_r3", ("motors", "tool_accelerometer"), 1e-3, True),  # rigid gears: torques show in the accelerometer
+    # F is squared here
+    ("planar5_nmp", ("m2", "tool_accelerometer", "m1", "link_encoders"), 4e-3, False),
+    # rigid gears: torques show in the accelerometer
+    ("manutec_r3", ("motors", "tool_accelerometer"), 1e-3, True),
     pytest.param("manutec_r3_18", "motors", 1e-3, True, marks=pytest.mark.slow),
-    pytest.param("manutec_r3_18", ("motors", "tool_accelerometer"), 1e-3, True, marks=pytest.mark.slow),
+    pytest.param(
+        "manutec_r3_18", ("motors", "tool_accelerometer"), 1e-3, True, marks=pytest.mark.slow
+    ),
 ]
 
 
@@ -66,7 +70,8 @@ def test_the_filter_in_c_is_its_twin(name, outputs, sample_time, disturbances):
 
 
 @pytest.mark.parametrize(
-    ("case", "mistake"), [(CASES[1], "first order"), (CASES[3], "first order"), (CASES[3], "no torque in H")]
+    ("case", "mistake"),
+    [(CASES[1], "first order"), (CASES[3], "first order"), (CASES[3], "no torque in H")],
 )
 def test_a_planted_mistake_is_seen(case, mistake):
     ekf, y, u = noisy_record(*case)
@@ -79,7 +84,9 @@ def test_for_this_processor_it_is_the_same_filter():
     _, y, u = noisy_record(*CASES[1])
     runs = []
     for native in (False, True):
-        ekf = flexgen.ExtendedKalmanFilter("planar5_nmp", CASES[1][1], sample_time=1e-3, native=native)
+        ekf = flexgen.ExtendedKalmanFilter(
+            "planar5_nmp", CASES[1][1], sample_time=1e-3, native=native
+        )
         runs.append(ekf.run(y, u))
     assert np.allclose(runs[0].q_a, runs[1].q_a, rtol=0, atol=1e-11)
     assert np.allclose(runs[0].deviation, runs[1].deviation, rtol=1e-9)
@@ -88,7 +95,9 @@ def test_for_this_processor_it_is_the_same_filter():
 @pytest.mark.parametrize("sample_time", [5e-4, 1e-3, 2e-3, 4e-3])
 def test_deviations_of_the_first_samples_are_those_of_the_exact_exponential(sample_time):
     """Transition by `scipy.linalg.expm`; measured 2e-5 to 6.5e-4, and 1.4e-2 to 11 with a second order."""
-    ekf = flexgen.ExtendedKalmanFilter("four_mass@high", ("motors", "link_encoders"), sample_time=sample_time)
+    ekf = flexgen.ExtendedKalmanFilter(
+        "four_mass@high", ("motors", "link_encoders"), sample_time=sample_time
+    )
     n_x, n_m = 2 * ekf.model.dof, ekf.model.n_m
     at = ekf._poses.at(ekf._at_rest(np.zeros(n_m)))
     whole = np.zeros((n_x + n_m, n_x + n_m))
@@ -119,7 +128,9 @@ def test_on_a_linear_model_it_is_the_kalman_filter():
     whole = np.zeros((n_x + n_m, n_x + n_m))
     whole[:n_x, :n_x], whole[:n_x, n_x:] = at.A, at.B
     powers = [np.linalg.matrix_power(s * whole, k) for k in range(5)]
-    moved = np.linalg.matrix_power(sum(x / f for x, f in zip(powers, (1, 1, 2, 6, 24), strict=True)), ekf._head.steps)
+    moved = np.linalg.matrix_power(
+        sum(x / f for x, f in zip(powers, (1, 1, 2, 6, 24), strict=True)), ekf._head.steps
+    )
     small = h / 2**ekf._head.doublings * whole
     F = sum(np.linalg.matrix_power(small, k) / math.factorial(k) for k in range(5))
     F = np.linalg.matrix_power(F, 2**ekf._head.doublings)
@@ -129,7 +140,9 @@ def test_on_a_linear_model_it_is_the_kalman_filter():
     rng = np.random.default_rng(1)
     y, u = rng.normal(size=(300, 2)) * 1e-2, rng.normal(size=(300, n_m))
     found = ekf.run(y, u)
-    fresh = flexgen.ExtendedKalmanFilter("four_mass@high", ("motors", "link_encoders"), sample_time=h)
+    fresh = flexgen.ExtendedKalmanFilter(
+        "four_mass@high", ("motors", "link_encoders"), sample_time=h
+    )
     z, P = fresh.state, fresh.covariance
     for k in range(300):
         if k:
@@ -229,7 +242,12 @@ class Observed:
             self.ekf.reset(y.q_m)
             self.u = ref.tau_m
         found = self.ekf.step(y.q_m, self.u)
-        self.u = ref.tau_m + 0.5 * (ref.q_m - found.q_m) + 0.02 * (ref.v_m - found.v_m) - self.use * found.disturbance
+        self.u = (
+            ref.tau_m
+            + 0.5 * (ref.q_m - found.q_m)
+            + 0.02 * (ref.v_m - found.v_m)
+            - self.use * found.disturbance
+        )
         return self.u
 
 
@@ -292,7 +310,9 @@ def test_constant_gains_in_c_are_the_equations(solution, outputs, native):
     found = observer.run(y, u)
     x, d = np.zeros(n_x), np.zeros(observer.model.n_m)
     for k in range(count):
-        F, G, C, D, M = (part[min(k // observer.samples, len(part) - 1)] for part in observer.matrices)
+        F, G, C, D, M = (
+            part[min(k // observer.samples, len(part) - 1)] for part in observer.matrices
+        )
         acts = d + u[k] - u_ref[k]
         before = F @ x + G @ acts
         e = y[k] - C @ before - D @ acts
@@ -333,7 +353,8 @@ def test_observers_agree_along_a_motion(solution):
     extended = ekf.run(soft.measured, u).q_a
     assert np.abs(constant - extended)[1000:].max() < 5e-5
     check_numbers("observers", constant=constant, extended=extended)
-    assert np.abs(extended - soft.q_a)[1000:].max() > 2e-4  # the deflection of soft springs is not seen
+    # the deflection of soft springs is not seen
+    assert np.abs(extended - soft.q_a)[1000:].max() > 2e-4
 
 
 # --- smoother ---------------------------------------------------------------------------------------------------------
@@ -344,7 +365,11 @@ def test_a_smoother_reconstructs_a_deviation_without_delay(solution):
     case = control_case(channels.model, solution=solution, sample_time=1e-3)
     smoother = PathSmoother(channels, case.reference, 1e-3)
     count, size = len(case.reference.time), smoother._F.shape[1]
-    z, dy, true = np.zeros(size), np.zeros((count, len(channels.names))), np.zeros((count, solution.model.n_a))
+    z, dy, true = (
+        np.zeros(size),
+        np.zeros((count, len(channels.names))),
+        np.zeros((count, solution.model.n_a)),
+    )
     n_x = 2 * solution.model.dof
     for k in range(count):
         p = min(k // smoother.samples, len(smoother._F) - 1)
@@ -409,7 +434,9 @@ def test_a_sensor_without_noise_is_refused():
 
 def test_the_filter_refuses_gears_with_hysteresis():
     table = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e6}}
-    with pytest.raises(ArgumentError, match="ExtendedKalmanFilter: given elbow, whose gear of q1 has hysteresis"):
+    with pytest.raises(
+        ArgumentError, match="ExtendedKalmanFilter: given elbow, whose gear of q1 has hysteresis"
+    ):
         flexgen.ExtendedKalmanFilter(flexgen.read("elbow", overrides=table))
 
 
@@ -454,9 +481,17 @@ def test_a_constant_gain_observer_refuses_what_is_not_finite(solution):
 
 def test_sensors_with_delay_and_wrong_samples_are_refused():
     """A filter that ignored the delay would be off by hundreds of standard deviations."""
-    sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.05}
+    sensor = {
+        "name": "acc",
+        "type": "accelerometer",
+        "element": "tool",
+        "unit": "m/s^2",
+        "noise": 0.05,
+    }
     late = flexgen.read("planar5_nmp", overrides={"sensor": [sensor | {"delay_s": 0.02}]})
-    with pytest.raises(ArgumentError, match=r"sensor acc with delay_s = 0.02, expected one without delay"):
+    with pytest.raises(
+        ArgumentError, match=r"sensor acc with delay_s = 0.02, expected one without delay"
+    ):
         flexgen.ExtendedKalmanFilter(late, ("motors", "acc"), sample_time=1e-3)
     solution = flexgen.solve("planar5_nmp", verify=False)
     observer = flexgen.ConstantGainObserver(solution, parts=1)
@@ -466,4 +501,6 @@ def test_sensors_with_delay_and_wrong_samples_are_refused():
     other = copy.deepcopy(observer)
     y, u = np.zeros(2), np.zeros(2)
     first = observer.step(y, u)
-    assert np.array_equal(other.step(y, u), first) and not np.array_equal(observer.step(y, u), first)
+    assert np.array_equal(other.step(y, u), first) and not np.array_equal(
+        observer.step(y, u), first
+    )

@@ -8,7 +8,11 @@ from identification_cases import NOISY, poses_of, without_coulomb
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.identification.experiments.operating_points import covariance, information, information_by_line
+from flexgen.identification.experiments.operating_points import (
+    covariance,
+    information,
+    information_by_line,
+)
 from flexgen.identification.experiments.optimal_spectrum import optimal_power
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.parameters import ParameterVector
@@ -36,7 +40,11 @@ def test_no_random_spectrum_is_better() -> None:
 
     best = trace(optimal_power(F, vector))
     rng = np.random.default_rng(0)
-    assert all(best <= trace(rng.dirichlet(np.full(len(F), alpha))) for alpha in (0.1, 1.0, 10.0) for _ in range(100))
+    assert all(
+        best <= trace(rng.dirichlet(np.full(len(F), alpha)))
+        for alpha in (0.1, 1.0, 10.0)
+        for _ in range(100)
+    )
 
 
 def test_the_plan_keeps_its_speeds_and_predicts_less(tmp_path) -> None:

@@ -64,11 +64,15 @@ def test_speeds_are_those_of_stretched_circles() -> None:
     assert_allclose(found.speed_accuracy, 0.02, rtol=1e-6)
     assert_allclose(found.speed_repeatability, 3 * np.std([0.01, 0.03], ddof=1), rtol=1e-6)
     speed = 0.1 * np.pi * (1 - np.cos(2 * np.pi * TIME)) * (TIME < END)
-    assert_allclose(found.speed_fluctuation, 0.03 * np.ptp(speed[speed >= 0.95 * speed.max()]), rtol=1e-3)
+    assert_allclose(
+        found.speed_fluctuation, 0.03 * np.ptp(speed[speed >= 0.95 * speed.max()]), rtol=1e-3
+    )
 
 
 @pytest.mark.parametrize(("damping", "frequency"), [(0.2, 8.0), (0.1, 8.0)])
-def test_settling_and_overshoot_are_those_of_an_oscillator(damping: float, frequency: float) -> None:
+def test_settling_and_overshoot_are_those_of_an_oscillator(
+    damping: float, frequency: float
+) -> None:
     """A e^(-d w t) cos(w_d t) after the path: its peaks decide."""
     size, band, w = 1e-3, 1e-4, 2 * np.pi * frequency
     after = np.maximum(TIME - END, 0.0)
@@ -105,7 +109,10 @@ def test_a_robot_that_creeps_at_rest_drifts_by_its_speed() -> None:
     creep = 2e-5 * np.maximum(TIME - END, 0.0)
     found = judged(circle(TIME) + creep[:, None] * [0.6, 0.8])
     assert found.drifts[0] == pytest.approx(2e-5 * 0.5, rel=1e-9)
-    assert found.to_dict()["robots"][0]["drift_m"] == found.drifts[0] and found.to_dict()["drift_m"] == found.drifts[0]
+    assert (
+        found.to_dict()["robots"][0]["drift_m"] == found.drifts[0]
+        and found.to_dict()["drift_m"] == found.drifts[0]
+    )
 
 
 def turned(angles: np.ndarray) -> np.ndarray:
@@ -114,7 +121,9 @@ def turned(angles: np.ndarray) -> np.ndarray:
     x, y, z = angles.T
     o = np.zeros(len(angles))
     hat = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
-    return np.asarray(np.eye(3) + np.sinc(size / np.pi) * hat + 0.5 * np.sinc(size / (2 * np.pi)) ** 2 * hat @ hat)
+    return np.asarray(
+        np.eye(3) + np.sinc(size / np.pi) * hat + 0.5 * np.sinc(size / (2 * np.pi)) ** 2 * hat @ hat
+    )
 
 
 def command(time: np.ndarray) -> np.ndarray:
@@ -138,10 +147,14 @@ def oriented(errors: np.ndarray, late: float, *, reverse: bool = False) -> flexg
 def test_angles_that_were_planted_are_found_whatever_the_lateness(late: float) -> None:
     """AP and AT are the means of the planted angles, RP and RT three standard deviations of each."""
     found = oriented(PLANTED, late)
-    mean, spread = PLANTED.mean(axis=0), 3 * np.sqrt(((PLANTED - PLANTED.mean(axis=0)) ** 2).sum(axis=0) / 2)
+    mean, spread = (
+        PLANTED.mean(axis=0),
+        3 * np.sqrt(((PLANTED - PLANTED.mean(axis=0)) ** 2).sum(axis=0) / 2),
+    )
     assert_allclose(found.orientation_accuracy, mean, rtol=1e-9)
     assert_allclose(found.orientation_repeatability, spread, rtol=1e-9)
-    assert_allclose(found.orientation_path_accuracy, np.abs(mean), atol=3e-7)  # linear between the samples
+    # linear between the samples
+    assert_allclose(found.orientation_path_accuracy, np.abs(mean), atol=3e-7)
     assert_allclose(found.orientation_path_repeatability, spread, atol=3e-7)
     data = found.to_dict()
     assert_allclose(data["orientation_accuracy_rad"], mean, rtol=1e-9)
@@ -174,7 +187,9 @@ def test_a_closed_loop_of_poses_states_angles_in_its_json() -> None:
     assert data["path_accuracy_m"] == run.accuracy().path_accuracy and len(data["robots"]) == 2
     one = run.accuracy(["heavy"])
     assert run["heavy"].turn is not None and one.orientation_accuracy is not None
-    assert np.linalg.norm(one.orientation_accuracy) == pytest.approx(run["heavy"].turn[-1], rel=1e-6)
+    assert np.linalg.norm(one.orientation_accuracy) == pytest.approx(
+        run["heavy"].turn[-1], rel=1e-6
+    )
     assert run["heavy"].turn[-1] > 1e-6
     assert "angles AP_a, AP_b, AP_c at the end" in run.to_text()
     solved = run.solution.to_dict()["accuracy"]
@@ -197,7 +212,8 @@ def test_a_robot_that_stops_short_of_a_corner_is_measured_at_its_nearest(
     line = np.column_stack([x, y])
     short = np.column_stack([np.minimum(x, 0.09), y])
     judge = partial(path_accuracy, time, line, np.array([short]), 2.5, robots=("short",))
-    assert 0.0099 < judge().path_accuracy < (0.0201 if zone else 0.0101)  # on planes at up to 60 degrees in a round one
+    # on planes at up to 60 degrees in a round one
+    assert 0.0099 < judge().path_accuracy < (0.0201 if zone else 0.0101)
     monkeypatch.setattr(figures, "TURN", 10.0)
     assert judge().path_accuracy > 0.03  # the planted error: on the other leg
 
@@ -205,7 +221,11 @@ def test_a_robot_that_stops_short_of_a_corner_is_measured_at_its_nearest(
 def test_figures_of_a_reference_at_rest_are_not_stated() -> None:
     rest = np.zeros((len(TIME), 2))
     found = path_accuracy(TIME, rest, np.array([rest + 1e-3]), END, robots=("a",))
-    assert found.path_accuracy is None and found.speed_accuracy is None and found.path_errors == (None,)
+    assert (
+        found.path_accuracy is None
+        and found.speed_accuracy is None
+        and found.path_errors == (None,)
+    )
     assert found.pose_accuracy == pytest.approx(np.sqrt(2) * 1e-3)
     assert found.robot_rows() == [("a", "-", "0", "0", "0", "0")]
     with pytest.raises(ArgumentError, match=r"band: given -1, expected a number > 0 \[m\]"):
@@ -216,15 +236,26 @@ def test_an_output_with_one_axis_has_no_offsets_from_its_path() -> None:
     """A robot that is a tenth too far is on the line of one axis: only its end and its speed show it."""
     line = circle(TIME)[:, :1]
     found = path_accuracy(TIME, line, np.array([1.1 * line, line]), END, robots=("far", "right"))
-    assert found.path_accuracy is None and found.path_repeatability is None and found.path_errors == (None, None)
-    assert found.pose_accuracy == pytest.approx(0.005) and found.speed_accuracy == pytest.approx(0.05)
+    assert (
+        found.path_accuracy is None
+        and found.path_repeatability is None
+        and found.path_errors == (None, None)
+    )
+    assert found.pose_accuracy == pytest.approx(0.005) and found.speed_accuracy == pytest.approx(
+        0.05
+    )
     assert found.robot_rows()[0][1] == "-" and "path accuracy AT" not in dict(found.rows())
     run = flexgen.control("four_mass", plants={"soft": {"stiffness": 0.9}})
-    assert run.accuracy().path_accuracy is None and run.to_dict()["accuracy"]["path_accuracy_m"] is None
+    assert (
+        run.accuracy().path_accuracy is None
+        and run.to_dict()["accuracy"]["path_accuracy_m"] is None
+    )
 
 
 def test_a_closed_loop_states_the_figures_of_its_robots() -> None:
-    run = flexgen.control("elbow", plants={"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}}, progress=False)
+    run = flexgen.control(
+        "elbow", plants={"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}}, progress=False
+    )
     found = run.accuracy(band=2e-5)
     assert found.robots == ("nominal", "soft", "stiff") and found.unit == "m"
     ends = [np.linalg.norm(robot.error[-1]) for robot in run.runs]
@@ -236,4 +267,8 @@ def test_a_closed_loop_states_the_figures_of_its_robots() -> None:
     with pytest.raises(ArgumentError, match="plant: given 'other'"):
         run.accuracy(["other"])
     solved = run.solution.accuracy()
-    assert solved.robots == ("elbow",) and solved.path_accuracy is not None and solved.path_accuracy < 1e-8
+    assert (
+        solved.robots == ("elbow",)
+        and solved.path_accuracy is not None
+        and solved.path_accuracy < 1e-8
+    )

@@ -53,7 +53,17 @@ def sizes(values: np.ndarray) -> np.ndarray:
 def circle_error(robot, start, **changes) -> float:
     """Largest error of a circle with a turn, against the sine and cosine in high precision."""
     center, axis, angle, rotation = (0.05, 0.12, -0.03), (0.3, -0.2, 1.0), 1.9, (0.2, 0.4, -0.3)
-    move = Move("arc", "tool_circle", start, 0.8, 5, center=center, axis=axis, angle=angle, rotation=rotation)
+    move = Move(
+        "arc",
+        "tool_circle",
+        start,
+        0.8,
+        5,
+        center=center,
+        axis=axis,
+        angle=angle,
+        rotation=rotation,
+    )
     path = Path(robot, replace(move, **changes))
     times = [0.1, 0.35, 0.71]
     sample = path.sample(np.array(times))
@@ -145,10 +155,14 @@ def test_corner_derivatives_are_exact(robot, start, exact_corner) -> None:
 
 
 @pytest.mark.slow
-def test_a_wrong_arc_length_would_be_seen(robot, start, exact_corner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_arc_length_would_be_seen(
+    robot, start, exact_corner, monkeypatch: pytest.MonkeyPatch
+) -> None:
     right = blended_curve.inverse_function
     factor = np.array([1, 1, 1, 1, 1, 1 + 1e-7])
-    monkeypatch.setattr(blended_curve, "inverse_function", lambda u, slope: right(u, slope) * factor)
+    monkeypatch.setattr(
+        blended_curve, "inverse_function", lambda u, slope: right(u, slope) * factor
+    )
     assert corner_error(robot, start, exact_corner) > 10 * EXACT
 
 
@@ -159,7 +173,8 @@ def test_corners_have_unit_speed_and_join_smoothly(robot, start) -> None:
     x = curve(s)[0]
     assert np.abs(np.linalg.norm(x[:, :, 1], axis=1) - 1).max() < 1e-13
     edges = np.cumsum([section.length for section in curve.sections])[:-1]
-    for order in range(6):  # fifth derivative included: the change next to an edge is that of a slope
+    # fifth derivative included: the change next to an edge is that of a slope
+    for order in range(6):
         around = [np.zeros((2, 6)), np.zeros((2, 6))]
         for side, shift in zip(around, (-1e-9, 1e-9), strict=True):
             side[:, 0], side[:, 1] = edges + shift, 1.0
@@ -177,12 +192,14 @@ def test_zones_are_kept(robot, start, seed: int) -> None:
     for k in range(count):
         way = rng.normal(size=3)
         way *= rng.uniform(0.07, 0.2) / np.linalg.norm(way)
-        if legs and np.dot(way, legs[-1].displacement) < -0.8 * np.linalg.norm(way) * np.linalg.norm(
-            legs[-1].displacement
-        ):
+        if legs and np.dot(way, legs[-1].displacement) < -0.8 * np.linalg.norm(
+            way
+        ) * np.linalg.norm(legs[-1].displacement):
             way = -way
         zone = float(zones[k]) if k < count - 1 else 0.0
-        legs.append(MoveL(tuple(way), rotation=tuple(rng.normal(size=3) * 0.2 * (k % 2)), zone=zone))
+        legs.append(
+            MoveL(tuple(way), rotation=tuple(rng.normal(size=3) * 0.2 * (k % 2)), zone=zone)
+        )
         corner = corner + way
         ends.append(corner)
     path = Path(robot, Move("chain", "tool_polyline", start, 1.0, 5, legs=tuple(legs), radius=0.01))
@@ -196,13 +213,18 @@ def test_zones_are_kept(robot, start, seed: int) -> None:
     for k, section in enumerate(curve.sections):
         inside = points[at == k]
         if section.corner:
-            assert np.linalg.norm(inside - ends[section.segment], axis=1).max() < zones[section.segment] * (1 + 1e-9)
+            assert np.linalg.norm(inside - ends[section.segment], axis=1).max() < zones[
+                section.segment
+            ] * (1 + 1e-9)
         else:
             d = np.array(legs[section.segment].displacement)
             off = np.cross(inside - begins[section.segment], d) / np.linalg.norm(d)
             assert np.abs(off).max() < 1e-14
     assert np.abs(points[-1] - ends[-1]).max() < 1e-14
-    assert np.abs(np.linalg.norm(np.diff(x[:, :, 0], axis=0), axis=1).sum() - curve.length) < 1e-4 * curve.length
+    assert (
+        np.abs(np.linalg.norm(np.diff(x[:, :, 0], axis=0), axis=1).sum() - curve.length)
+        < 1e-4 * curve.length
+    )
     assert np.abs(np.linalg.norm(x[:, :, 1], axis=1) - 1).max() < 1e-12
 
 
@@ -222,13 +244,21 @@ def test_circle_through_three_points(robot) -> None:
         via, end = rng.normal(size=(2, 3))
         center, axis, angle = circle_through(via, end)
         for point in (np.zeros(3), via, end):
-            assert abs(np.linalg.norm(point - center) - np.linalg.norm(center)) < 1e-12 * np.linalg.norm(center)
+            assert abs(
+                np.linalg.norm(point - center) - np.linalg.norm(center)
+            ) < 1e-12 * np.linalg.norm(center)
             assert abs((point - center) @ axis) < 1e-12 * np.linalg.norm(center)
         angles = [
-            np.arctan2(np.cross(-center, p - center) @ axis, -center @ (p - center)) % (2 * np.pi) for p in (via, end)
+            np.arctan2(np.cross(-center, p - center) @ axis, -center @ (p - center)) % (2 * np.pi)
+            for p in (via, end)
         ]
         assert 0 < angles[0] < angles[1] and abs(angles[1] - angle) < 1e-9
-    for via, end in (([1, 0, 0], [2, 0, 0]), ([1, 0, 0], [1, 0, 0]), ([0, 0, 0], [1, 0, 0]), ([1, 0, 0], [0, 0, 0])):
+    for via, end in (
+        ([1, 0, 0], [2, 0, 0]),
+        ([1, 0, 0], [1, 0, 0]),
+        ([0, 0, 0], [1, 0, 0]),
+        ([1, 0, 0], [0, 0, 0]),
+    ):
         assert circle_through(np.array(via), np.array(end)) is None
 
 
@@ -245,7 +275,9 @@ def test_arcs_in_a_polyline_end_at_their_stated_points(robot, start) -> None:
 
 
 def test_full_circle_comes_back(robot, start) -> None:
-    move = Move("round", "tool_circle", start, 1.0, 5, center=(0.1, 0, 0), axis=(0, 0, 2), angle=2 * np.pi)
+    move = Move(
+        "round", "tool_circle", start, 1.0, 5, center=(0.1, 0, 0), axis=(0, 0, 2), angle=2 * np.pi
+    )
     sample = Path(robot, move).sample(np.array([0.0, 0.5, 1.0]))
     assert np.abs(sample.y[2, :, 0] - sample.y[0, :, 0]).max() < 1e-15
     assert np.abs(sample.y[1, :, 0] - sample.y[0, :, 0] - [0.2, 0, 0]).max() < 1e-15
@@ -253,11 +285,14 @@ def test_full_circle_comes_back(robot, start) -> None:
 
 def test_paths_that_turn_back_or_overlap_are_refused(robot, start) -> None:
     back = (MoveL((0.1, 0, 0), zone=0.02), MoveL((-0.1, 0, 0)))
-    with pytest.raises(ArgumentError, match=r"step 1: given zone 0\.02, expected 0, because the path reverses"):
+    with pytest.raises(
+        ArgumentError, match=r"step 1: given zone 0\.02, expected 0, because the path reverses"
+    ):
         Path(robot, Move("back", "tool_polyline", start, 1.0, 5, legs=back))
     wide = (MoveL((0.1, 0, 0), zone=0.08), MoveL((0, 0.1, 0), zone=0.08), MoveL((0.1, 0, 0)))
     with pytest.raises(
-        ArgumentError, match=r"step 2: given zone 0\.08 and 0\.08, expected zones that fit into the length 0\.1"
+        ArgumentError,
+        match=r"step 2: given zone 0\.08 and 0\.08, expected zones that fit into the length 0\.1",
     ):
         Path(robot, Move("wide", "tool_polyline", start, 1.0, 5, legs=wide))
 
@@ -267,7 +302,10 @@ def joint_error(path: Path, t: float) -> float:
     law, move = polynomial_law(path.duration, path.move.smoothness), path.move
 
     def place(time):
-        q1, q2 = (mp.mpf(a) + (mp.mpf(b) - mp.mpf(a)) * law(time) for a, b in zip(move.start, move.end, strict=True))
+        q1, q2 = (
+            mp.mpf(a) + (mp.mpf(b) - mp.mpf(a)) * law(time)
+            for a, b in zip(move.start, move.end, strict=True)
+        )
         reach = [(mp.mpf(0.8), q1), (mp.mpf(0.35) + mp.mpf(0.45), q1 + q2)]
         return [sum(r * f(q) for r, q in reach) for f in (mp.cos, mp.sin)]
 
@@ -279,6 +317,8 @@ def test_the_tool_of_a_joint_move_is_exact() -> None:
     equations = flexgen.derive("planar5_nmp")
     path = Path(equations, equations.model.move("joints"))
     assert max(joint_error(path, t) for t in (0.07, 0.29, 0.55)) < EXACT
-    shifted = Path(equations, replace(path.move, end=(path.move.end[0] * (1 + 1e-9), path.move.end[1])))
+    shifted = Path(
+        equations, replace(path.move, end=(path.move.end[0] * (1 + 1e-9), path.move.end[1]))
+    )
     shifted.move = path.move
     assert joint_error(shifted, 0.29) > 10 * EXACT

@@ -34,7 +34,9 @@ def drift(report: SmoothnessReport) -> float:
 def test_jumps_of_a_polynomial_are_found_with_their_size(arm, smoothness: int) -> None:
     move = replace(arm.model.move("line"), smoothness=smoothness)
     report = smoothness_report(arm, Path(arm, move))
-    size = np.linalg.norm(move.displacement) * abs(TimeLaw(0.5, smoothness)(np.array([1e-12]), 6)[0, smoothness + 1])
+    size = np.linalg.norm(move.displacement) * abs(
+        TimeLaw(0.5, smoothness)(np.array([1e-12]), 6)[0, smoothness + 1]
+    )
     assert [jump.time for jump in report.jumps] == [0.0, 0.5]
     assert [jump.order for jump in report.jumps] == [smoothness + 1] * 2
     assert [jump.size for jump in report.jumps] == pytest.approx([size] * 2, rel=1e-5)
@@ -47,7 +49,9 @@ def test_jumps_of_a_polynomial_are_found_with_their_size(arm, smoothness: int) -
 
 def test_smooth_paths_have_no_jumps(arm) -> None:
     for smoothness in (5, 7):
-        report = smoothness_report(arm, Path(arm, replace(arm.model.move("line"), smoothness=smoothness)))
+        report = smoothness_report(
+            arm, Path(arm, replace(arm.model.move("line"), smoothness=smoothness))
+        )
         assert report.jumps == () and report.sufficient and drift(report) == 0.0
 
 
@@ -69,7 +73,10 @@ def test_the_cost_is_that_of_a_simulation(name: str) -> None:
     tau = solution.trajectory["tau_m"]
     steps = np.abs(np.diff(tau, axis=0)).max()  # the jump, spread over one or two samples
     assert 1 / FACTOR < report.jumps[0].torque / steps < FACTOR
-    assert "the torque jumps by about" in report.lines()[0] and "the tool drifts by about" in report.lines()[0]
+    assert (
+        "the torque jumps by about" in report.lines()[0]
+        and "the tool drifts by about" in report.lines()[0]
+    )
 
 
 @needs_compiler
@@ -102,14 +109,26 @@ def test_trapezoids_jump_at_their_knots(arm) -> None:
     move = Move("fast", "tool_line", (0.3, -1.1), 0.0, 0, (-0.2, 0.21, 0.0), profile=bounds)
     path = Path(arm, move)
     report = smoothness_report(arm, path)
-    assert path.smoothness == report.smoothness == 2 and len(report.jumps) == 8 and not report.sufficient
-    assert all(jump.order == 3 and jump.size == pytest.approx(100.0, rel=1e-6) for jump in report.jumps)
+    assert (
+        path.smoothness == report.smoothness == 2
+        and len(report.jumps) == 8
+        and not report.sufficient
+    )
+    assert all(
+        jump.order == 3 and jump.size == pytest.approx(100.0, rel=1e-6) for jump in report.jumps
+    )
     assert np.abs(np.array([jump.time for jump in report.jumps]) - path.breaks).max() < 1e-12
     crackle = smoothness_report(arm, Path(arm, replace(move, profile=(*bounds, 4000.0))))
-    assert crackle.sufficient and len(crackle.jumps) == 16 and all(jump.order == 4 for jump in crackle.jumps)
+    assert (
+        crackle.sufficient
+        and len(crackle.jumps) == 16
+        and all(jump.order == 4 for jump in crackle.jumps)
+    )
 
 
-def test_rounded_corners_are_smooth_and_splines_jump_at_their_knots(arm, tmp_path: FilePath) -> None:
+def test_rounded_corners_are_smooth_and_splines_jump_at_their_knots(
+    arm, tmp_path: FilePath
+) -> None:
     legs = (MoveL((-0.1, 0, 0), zone=0.03), MoveL((0, 0.1, 0)))
     corner = Path(arm, Move("corner", "tool_polyline", (0.3, -1.1), 0.5, 6, legs=legs))
     assert corner.smoothness == 5 and smoothness_report(arm, corner).jumps == ()
@@ -117,7 +136,9 @@ def test_rounded_corners_are_smooth_and_splines_jump_at_their_knots(arm, tmp_pat
     p = corner.reference.tool_pose((0.3, -1.1))[0]
     rows = np.column_stack([p[0] - 0.1 * u, p[1] + 0.05 * np.sin(3 * u), 0 * u])
     file = tmp_path / "track.csv"
-    file.write_text("x,y,z\n" + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
+    file.write_text(
+        "x,y,z\n" + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows)
+    )
     spline = Path(arm, Move("track", "sampled", (0.3, -1.1), 0.5, 6, file=str(file), degree=5))
     report = smoothness_report(arm, spline)
     assert spline.smoothness == 4 and report.sufficient and report.jumps
@@ -129,7 +150,9 @@ def test_samples_that_begin_or_end_in_motion_are_a_warning(arm, tmp_path: FilePa
     t = np.linspace(0.0, 0.5, 101)
     s = t / 0.5
     p = arm.model.move("line").displacement
-    start = Path(arm, Move("corner", "tool_line", (0.3, -1.1), 0.5, 5, p)).reference.tool_pose((0.3, -1.1))[0]
+    start = Path(arm, Move("corner", "tool_line", (0.3, -1.1), 0.5, 5, p)).reference.tool_pose(
+        (0.3, -1.1)
+    )[0]
     rows = np.column_stack([t, start + np.outer(s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3), p)])
     found = []
     for part in (slice(0, 101), slice(35, 101), slice(0, 66)):
@@ -150,11 +173,18 @@ def test_turns_of_the_tool_jump_too() -> None:
     robot = flexgen.derive("manutec_r3")
     start = robot.model.move("line").start
     program = Program(
-        "p", start=start, profile=(0.5, 5.0, 100.0), steps=(MoveL((0.0, 0.0, 0.0), rotation=(0, 0, 0.2)),), radius=0.5
+        "p",
+        start=start,
+        profile=(0.5, 5.0, 100.0),
+        steps=(MoveL((0.0, 0.0, 0.0), rotation=(0, 0, 0.2)),),
+        radius=0.5,
     )
     report = smoothness_report(robot, Path(robot, program))
     assert not report.sufficient
-    assert all(jump.size < 1e-6 and jump.rotation == pytest.approx(200.0, rel=1e-4) for jump in report.jumps)
+    assert all(
+        jump.size < 1e-6 and jump.rotation == pytest.approx(200.0, rel=1e-4)
+        for jump in report.jumps
+    )
     assert all(jump.torque > 0 for jump in report.jumps)
 
 

@@ -92,7 +92,10 @@ def test_a_configuration_leads_to_its_joints() -> None:
 
 
 def test_turns_are_those_that_are_named_or_the_closest_within_the_limits() -> None:
-    q, turn = START + np.array([0.1, -0.2, 0.2, 0.3, 0.2, 0.5]), np.array([0, 0, 0, 0, 0, 2 * np.pi])
+    q, turn = (
+        START + np.array([0.1, -0.2, 0.2, 0.3, 0.2, 0.5]),
+        np.array([0, 0, 0, 0, 0, 2 * np.pi]),
+    )
     target = PoseTarget(*pose(q), configuration_at(robot(), q).flags)
     assert np.abs(end_of(moved(target)) - q).max() < 1e-9
     assert np.abs(end_of(moved(target, START + turn)) - q - turn).max() < 1e-9
@@ -107,7 +110,9 @@ def test_turns_are_those_that_are_named_or_the_closest_within_the_limits() -> No
     limited = replace(
         robot(),
         elements=tuple(
-            replace(e, dofs=tuple(limited_dof if d is dof else d for d in e.dofs)) if e is element else e
+            replace(e, dofs=tuple(limited_dof if d is dof else d for d in e.dofs))
+            if e is element
+            else e
             for e in robot().elements
         ),
     )
@@ -130,7 +135,9 @@ def test_a_sign_that_is_ignored_is_seen(monkeypatch: pytest.MonkeyPatch) -> None
 def rpy_text(q: np.ndarray) -> str:
     """Position and roll, pitch, yaw of joints as keys of a file."""
     p, R = pose(q)
-    rpy = map(float, (np.arctan2(R[2][1], R[2][2]), -np.arcsin(R[2][0]), np.arctan2(R[1][0], R[0][0])))
+    rpy = map(
+        float, (np.arctan2(R[2][1], R[2][2]), -np.arcsin(R[2][0]), np.arctan2(R[1][0], R[0][0]))
+    )
     return f"position = {list(p)}\nrpy_rad = {list(rpy)}\n"
 
 
@@ -150,13 +157,21 @@ def test_a_file_names_a_pose_and_a_line_ends_in_its_configuration(tmp_path: Path
 WRONG = {
     "unreachable": ("position = [9.0, 0.0, 0.0]\nrpy_deg = [0, 0, 0]\n", "can reach", "position"),
     "no rotation": ("position = [0.5, 0.6, 1.2]\n", "rpy_rad", "rpy_rad"),
-    "both": ("position = [0.5, 0.6, 1.2]\nrpy_deg = [0, 0, 0]\nend_rad = [0, 0, 0, 0, 0, 0]\n", "both", "position"),
+    "both": (
+        "position = [0.5, 0.6, 1.2]\nrpy_deg = [0, 0, 0]\nend_rad = [0, 0, 0, 0, 0, 0]\n",
+        "both",
+        "position",
+    ),
     "signs": (
         "position = [0.5, 0.6, 1.2]\nrpy_deg = [0, 0, 0]\nconfiguration = [1, 2, 1]\n",
         "1 or -1",
         "configuration",
     ),
-    "turns": ("position = [0.5, 0.6, 1.2]\nrpy_deg = [0, 0, 0]\nturns = [0, 0, 0, 0, 0, 0.5]\n", "whole", "turns"),
+    "turns": (
+        "position = [0.5, 0.6, 1.2]\nrpy_deg = [0, 0, 0]\nturns = [0, 0, 0, 0, 0, 0.5]\n",
+        "whole",
+        "turns",
+    ),
 }
 
 
@@ -178,8 +193,13 @@ def test_ambiguous_and_singular_targets_are_refused(tmp_path: Path) -> None:
     assert all(str(list(signs)) in str(caught.value) for signs in flags)
     missing = next(s for s in product((1, -1), repeat=3) if s not in flags)
     with pytest.raises(ModelError, match="one of the configurations") as caught:
-        plan(robot(), read(tmp_path, f'type = "MoveJ"\n{rpy_text(q)}configuration = {list(missing)}\n'))
-    assert f"there.toml:12:program.there.step[0].configuration: given {list(missing)}" in str(caught.value)
+        plan(
+            robot(),
+            read(tmp_path, f'type = "MoveJ"\n{rpy_text(q)}configuration = {list(missing)}\n'),
+        )
+    assert f"there.toml:12:program.there.step[0].configuration: given {list(missing)}" in str(
+        caught.value
+    )
     straight = np.array([0.1, 0.3, 1.2, 0.4, 0.0, 0.2])  # the axes of joints 4 and 6 are one line
     with pytest.raises(ModelError, match="singular") as caught:
         plan(robot(), read(tmp_path, f'type = "MoveJ"\n{rpy_text(straight)}'))
@@ -199,7 +219,9 @@ def test_arms_without_six_joints_and_bad_values_are_refused() -> None:
         MoveJ(target=PoseTarget(target.position, target.orientation, (), (1, 2))),
         MoveL((0.02, 0.0, 0.0), configuration=(1, 0, 1)),
     ]
-    with pytest.raises(ArgumentError, match=r"PoseTarget, position: given \(0\.5, nan, 0\.0\), expected a sequence"):
+    with pytest.raises(
+        ArgumentError, match=r"PoseTarget, position: given \(0\.5, nan, 0\.0\), expected a sequence"
+    ):
         PoseTarget((0.5, np.nan, 0.0), target.orientation)
     for step in wrong_steps:
         with pytest.raises(ArgumentError, match="there, step 1"):
@@ -215,5 +237,7 @@ def test_a_joint_move_of_the_model_ends_at_a_pose() -> None:
 
 def test_signs_and_turns_may_be_lists_and_arrays():
     matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    given = flexgen.PoseTarget((0.5, 0.0, 0.5), matrix, configuration=[1, -1, -1], turns=np.zeros(6))
+    given = flexgen.PoseTarget(
+        (0.5, 0.0, 0.5), matrix, configuration=[1, -1, -1], turns=np.zeros(6)
+    )
     assert given == flexgen.PoseTarget((0.5, 0.0, 0.5), matrix, (1, -1, -1), (0,) * 6)

@@ -19,6 +19,8 @@ def test_the_error_of_uncertain_robots_grows_with_the_robot(tmp_path: Path, know
     for factor in (1.0, FACTOR):
         file = tmp_path / f"planar5_{factor:g}.toml"
         table = known.format(repr(1e-3 * factor**0.5))
-        file.write_text(f"{enlarged('planar5_nmp', factor)}\n[uncertainty]\n{table}\n", encoding="utf-8")
+        file.write_text(
+            f"{enlarged('planar5_nmp', factor)}\n[uncertainty]\n{table}\n", encoding="utf-8"
+        )
         found.append(flexgen.predict(file, robots=16, progress=False).error_m)
     assert found[1] == pytest.approx(FACTOR * found[0], rel=SAME)

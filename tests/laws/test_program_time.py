@@ -28,7 +28,9 @@ KEPT = 5e-4
 def program(*steps: object, **more: object) -> flexgen.Program:
     """A program of the arm planar5_nmp."""
     given = {"start": (0.3, -1.1), "smoothness": 5, "profile": (0.4, 2.0, 30.0, 600.0)}
-    return flexgen.Program("three", steps=steps, joint_profile=(1.0, 5.0, 60.0, 900.0), **(given | more))
+    return flexgen.Program(
+        "three", steps=steps, joint_profile=(1.0, 5.0, 60.0, 900.0), **(given | more)
+    )
 
 
 THREE = program(
@@ -75,11 +77,15 @@ def limits_of(given: dict[str, np.ndarray], **more: object) -> Limits:
 
 @pytest.fixture(scope="module")
 def found(given: dict[str, np.ndarray]) -> flexgen.FastestMove:
-    return flexgen.fastest("planar5_nmp", THREE, limits=limits_of(given), coefficients=8, progress=False)
+    return flexgen.fastest(
+        "planar5_nmp", THREE, limits=limits_of(given), coefficients=8, progress=False
+    )
 
 
 @pytest.mark.slow
-def test_a_program_is_faster_and_keeps_every_limit(given: dict[str, np.ndarray], found: flexgen.FastestMove) -> None:
+def test_a_program_is_faster_and_keeps_every_limit(
+    given: dict[str, np.ndarray], found: flexgen.FastestMove
+) -> None:
     limits, now = limits_of(given), measures(found.solution)
     assert found.duration_s < 0.85 * found.default_s and found.excess <= KEPT
     assert found.solution.status == "solved" and found.solution.tool_error_max_m < 1e-6
@@ -108,11 +114,15 @@ def test_the_program_with_its_laws_is_a_program_like_others(found: flexgen.Faste
     assert np.linalg.norm(x[straight, :, 1], axis=1).max() <= 0.2 * (1 + 1e-3)
     assert np.linalg.norm(x[:, :, 1], axis=1).max() > 0.3  # the second leg states none
     ends = flexgen.plan("planar5_nmp", THREE)
-    assert np.allclose(path.sample([path.duration]).y[:, :, 0], ends.sample([ends.duration]).y[:, :, 0], atol=1e-9)
+    assert np.allclose(
+        path.sample([path.duration]).y[:, :, 0], ends.sample([ends.duration]).y[:, :, 0], atol=1e-9
+    )
 
 
 @pytest.mark.full
-def test_effective_torques_connect_the_motions(given: dict[str, np.ndarray], found: flexgen.FastestMove) -> None:
+def test_effective_torques_connect_the_motions(
+    given: dict[str, np.ndarray], found: flexgen.FastestMove
+) -> None:
     """A bound in the middle between those of the slow and the fast program; better than the fast one slowed down."""
     fast = measures(found.solution)["rms"]
     rms = tuple((given["rms"] + fast) / 2)
@@ -136,9 +146,13 @@ def test_a_program_takes_its_motions_and_its_pauses() -> None:
 
 
 @pytest.mark.parametrize("planted", ["reserve", "gears"])
-def test_planted_errors_are_found(planted: str, given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_planted_errors_are_found(
+    planted: str, given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A search that forgets the reserve, or the torques of the gears, exceeds a limit; `solve` notices."""
-    own = limits_of(given, torque=tuple(9.0 * given["torque"])).without("tool_speed", "deflection", "torque_rate")
+    own = limits_of(given, torque=tuple(9.0 * given["torque"])).without(
+        "tool_speed", "deflection", "torque_rate"
+    )
 
     def wrong_rows(model: Any, limits: Limits, *more: Any, **end: Any) -> Iterator[LimitRow]:
         if planted == "reserve":
@@ -152,7 +166,9 @@ def test_planted_errors_are_found(planted: str, given: dict[str, np.ndarray], mo
     found = flexgen.fastest("planar5_nmp", move, limits=own, coefficients=4, progress=False)
     used = measures(found.solution)["gear"] / (0.9 * np.array(own.gear_torque))
     assert found.excess <= KEPT and used.max() > 1.05
-    solved = flexgen.solve("planar5_nmp", found.move, limits=replace(own, torque=None), verify=False, progress=False)
+    solved = flexgen.solve(
+        "planar5_nmp", found.move, limits=replace(own, torque=None), verify=False, progress=False
+    )
     assert solved.status in ("limits active", "limits exceeded")
 
 
@@ -193,7 +209,11 @@ def test_stated_speeds_of_steps_and_corners() -> None:
     legs = legs_of(path)
     assert [leg.segments[0].start for leg in legs] == [0.0, 0.0, 0.0]
     speeds = StatedSpeeds.of(legs[1].segments[0], (0.2, None), 0.25)
-    assert speeds.s[0] == 0.0 and 0.09 < speeds.s[-1] < 0.16 and np.isclose(speeds.most, 0.2, rtol=1e-6).all()
+    assert (
+        speeds.s[0] == 0.0
+        and 0.09 < speeds.s[-1] < 0.16
+        and np.isclose(speeds.most, 0.2, rtol=1e-6).all()
+    )
     law = legs[1].segments[0].law
     t = np.linspace(0, law.duration, 20001)
     s, rate = law(t, 1).T
@@ -203,14 +223,21 @@ def test_stated_speeds_of_steps_and_corners() -> None:
 
 @pytest.mark.slow
 def test_what_no_program_can_do_is_refused(given: dict[str, np.ndarray]) -> None:
-    with pytest.raises(ArgumentError, match="vibration: given for the program three, expected a single move"):
+    with pytest.raises(
+        ArgumentError, match="vibration: given for the program three, expected a single move"
+    ):
         flexgen.fastest("planar5_nmp", THREE, vibration=1e-3, progress=False)
     for laws in (((1.0, 0.5),), ((1.0, 0.5), (1.0, 0.5), ()), ((1.0, 0.5), (1.0,), (1.0, 0.5))):
-        with pytest.raises(ArgumentError, match=r"laws .*, expected none, or 3, one for each motion from rest to rest"):
+        with pytest.raises(
+            ArgumentError,
+            match=r"laws .*, expected none, or 3, one for each motion from rest to rest",
+        ):
             flexgen.plan("planar5_nmp", replace(THREE, laws=laws))
     weak = limits_of(given, torque_rms=tuple(0.3 * given["rms"]))
     move = replace(THREE, steps=(THREE.steps[0], THREE.steps[-1]))
-    with pytest.raises(SolverError, match="effective torques cannot be kept in this program at the speeds"):
+    with pytest.raises(
+        SolverError, match="effective torques cannot be kept in this program at the speeds"
+    ):
         flexgen.fastest("planar5_nmp", move, limits=weak, coefficients=4, progress=False)
 
 
@@ -223,14 +250,19 @@ def test_six_axes_keep_all_limits_of_their_model_file() -> None:
     found = flexgen.fastest(model, move, progress=False)
     t = found.solution.trajectory
     assert found.excess <= KEPT and found.duration_s < 0.8 * found.default_s
-    assert found.solution.status in ("solved", "limits exceeded") and found.solution.tool_error_max_m < 1e-6
+    assert (
+        found.solution.status in ("solved", "limits exceeded")
+        and found.solution.tool_error_max_m < 1e-6
+    )
     for motor, tau, v in zip(model.motors, t["tau_m"].T, t["v_m"].T, strict=True):
         speeds, torques = np.array(motor.torque_speed).T
         assert (np.abs(tau) <= np.interp(np.abs(v), speeds, torques) * (1 + KEPT)).all()
         assert np.abs(tau).max() <= motor.torque_max * (1 + KEPT)
         on_path = (t.time >= 0.0) & (t.time <= found.duration_s)
         assert np.sqrt(np.mean(tau[on_path] ** 2)) <= motor.torque_rms_max * (1 + 2e-3)
-    assert not [text for text in found.solution.warnings if "exceeds" in text and "coordinate" not in text]
+    assert not [
+        text for text in found.solution.warnings if "exceeds" in text and "coordinate" not in text
+    ]
 
 
 def test_a_program_of_one_motion_gets_its_law_too(given: dict[str, np.ndarray]) -> None:
@@ -245,8 +277,12 @@ def test_a_program_of_one_motion_gets_its_law_too(given: dict[str, np.ndarray]) 
 def test_a_program_whose_residual_is_too_large_unverified_is_verified() -> None:
     """It was refused, with the advice to switch the verification on."""
     steps = tuple(flexgen.MoveJ(end=end) for end in ((0.5, -0.3), (0.6, -0.4)))
-    two = flexgen.Program("two", start=(0.4, -0.2), steps=steps, joint_profile=(1.0, 5.0, 50.0, 1000.0))
+    two = flexgen.Program(
+        "two", start=(0.4, -0.2), steps=steps, joint_profile=(1.0, 5.0, 50.0, 1000.0)
+    )
     with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
         flexgen.solve("elbow", two, verify=False, progress=False)
-    found = flexgen.fastest("elbow", two, limits=flexgen.Limits(torque=(40.0, 25.0)), progress=False)
+    found = flexgen.fastest(
+        "elbow", two, limits=flexgen.Limits(torque=(40.0, 25.0)), progress=False
+    )
     assert found.solution.status == "solved" and found.duration_s < found.default_s

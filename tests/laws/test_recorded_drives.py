@@ -37,7 +37,10 @@ def recorded(tmp_path_factory):
         hardware=drives, progress=False,
     )  # fmt: skip
     writer = RecordingWriter(folder, plan, model)
-    rough = with_values(model, {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 1.0), ("beta", 2.0))})
+    rough = with_values(
+        model,
+        {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 1.0), ("beta", 2.0))},
+    )
     return flexgen.measure(plan, rough, raw=writer, progress=False), writer.finish()
 
 
@@ -94,10 +97,14 @@ def test_lines_of_distortion_are_not_excited_lines(recorded):
     guessed.save(every.with_name("guessed.npz"))
     for one in (guessed, Experiment.load(every.with_name("guessed.npz"))):
         said = flexgen.frf(one).warnings[-1]
-        assert f"the {len(guessed.plan.lines)} lines are those where the torques are large" in said, said
+        assert (
+            f"the {len(guessed.plan.lines)} lines are those where the torques are large" in said
+        ), said
         assert "line_numbers" in said and "[[reference]]" in said
     for known in (path, every):
-        assert not any("lines are those" in said for said in flexgen.frf(read_experiment(known)).warnings)
+        assert not any(
+            "lines are those" in said for said in flexgen.frf(read_experiment(known)).warnings
+        )
 
 
 def test_scale_turns_a_channel_and_an_offset_shifts_it_in_one_file(recorded):
@@ -129,7 +136,9 @@ def test_what_refine_needs_of_recordings_is_named(recorded):
     text = path.read_text()
     unknown = path.with_name("unknown.toml")
     unknown.write_text(re.sub(r"\n\[drive\](?:\n[a-z_A-Z]+ = .*)+", "\n", text))
-    found = flexgen.identify(model, flexgen.frf(read_experiment(unknown)), free=["damping"], starts=1, progress=False)
+    found = flexgen.identify(
+        model, flexgen.frf(read_experiment(unknown)), free=["damping"], starts=1, progress=False
+    )
     check_numbers("damping", 1e-5, found=found, figures=found.to_dict())
     with pytest.raises(ArgumentError, match=r"expected tables \[drive\] and \[\[reference\]\]"):
         flexgen.refine(found, read_experiment(unknown), progress=False)
@@ -142,7 +151,9 @@ def test_references_in_csv_files_are_those_of_the_recordings(recorded, tmp_path)
     """Angles as the drives followed them; speeds are their derivatives."""
     experiment, path = recorded
     files = experiment.plan.write_references(tmp_path / "references")
-    assert [file.name for file in files] == [f"pose1_realization1_experiment{k}.csv" for k in (1, 2)]
+    assert [file.name for file in files] == [
+        f"pose1_realization1_experiment{k}.csv" for k in (1, 2)
+    ]
     for k, file in enumerate(files):
         names = file.read_text().partition("\n")[0].split(",")
         assert names == ["t", "m1_q_ref_rad", "m2_q_ref_rad", "m1_v_ref_rad_s", "m2_v_ref_rad_s"]
@@ -160,6 +171,25 @@ def test_recordings_are_refined_from_the_command_line(recorded, tmp_path, capsys
     _, path = recorded
     assert main(["frf", str(path), "--out", str(tmp_path / "frf.npz"), "-q"]) == 0
     capsys.readouterr()
-    words = ["identify", "planar5_nmp", str(tmp_path / "frf.npz"), "--refine", str(path), "--starts", "1", "-q"]
-    main([*words, "--start", "m1.viscous=0.01", "--start", "m2.viscous=0.01", "--free", "stiffness,damping,friction"])
+    words = [
+        "identify",
+        "planar5_nmp",
+        str(tmp_path / "frf.npz"),
+        "--refine",
+        str(path),
+        "--starts",
+        "1",
+        "-q",
+    ]
+    main(
+        [
+            *words,
+            "--start",
+            "m1.viscous=0.01",
+            "--start",
+            "m2.viscous=0.01",
+            "--free",
+            "stiffness,damping,friction",
+        ]
+    )
     assert "simulation of experiments that were not used" in capsys.readouterr().out

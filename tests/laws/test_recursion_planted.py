@@ -47,12 +47,16 @@ def wrong_sign_in_the_regrouping(monkeypatch):
 
 def regrouped_mass_is_lost(monkeypatch):
     moved = chain_room.Inertia.moved
-    monkeypatch.setattr(chain_room.Inertia, "moved", lambda self, pose: replace(moved(self, pose), mass=0.0))
+    monkeypatch.setattr(
+        chain_room.Inertia, "moved", lambda self, pose: replace(moved(self, pose), mass=0.0)
+    )
 
 
 def wrong_sign_of_a_frames_angle(monkeypatch):
     split = chain_room._split_rotation
-    monkeypatch.setattr(chain_room, "_split_rotation", lambda rotation: (-split(rotation)[0], *split(rotation)[1:]))
+    monkeypatch.setattr(
+        chain_room, "_split_rotation", lambda rotation: (-split(rotation)[0], *split(rotation)[1:])
+    )
 
 
 def missing_coriolis_term(monkeypatch):

@@ -27,7 +27,13 @@ from flexgen.paths.redundancy import joint_problem
 PANDA = ROOT / "tests/support/robots/panda.toml"
 START = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 LINE = Move(
-    "line", "tool_line", START, displacement=(0.1, -0.15, 0.1), rotation=(0.0, 0.0, 0.5), duration=1.0, smoothness=5
+    "line",
+    "tool_line",
+    START,
+    displacement=(0.1, -0.15, 0.1),
+    rotation=(0.0, 0.0, 0.5),
+    duration=1.0,
+    smoothness=5,
 )
 NANOMETER = 1e-9
 GEARS = "".join(
@@ -63,14 +69,20 @@ def tool(model: RobotModel, q_a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     data, frame = tree.model.createData(), tree.model.getFrameId("tool")
     p, R, J = [], [], []
     for q in q_a:
-        J.append(pin.computeFrameJacobian(tree.model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED))
+        J.append(
+            pin.computeFrameJacobian(
+                tree.model, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            )
+        )
         pin.updateFramePlacements(tree.model, data)
         p.append(data.oMf[frame].translation.copy())
         R.append(data.oMf[frame].rotation.copy())
     return np.array(p), np.array(R), np.array(J)
 
 
-@pytest.mark.parametrize("gears", ["", pytest.param(GEARS, marks=pytest.mark.slow)], ids=["rigid", "elastic gears"])
+@pytest.mark.parametrize(
+    "gears", ["", pytest.param(GEARS, marks=pytest.mark.slow)], ids=["rigid", "elastic gears"]
+)
 def test_the_tool_follows_the_line(gears):
     """The simulated joints, by Pinocchio: on the line, turned in proportion."""
     solution = solved(gears)
@@ -94,13 +106,16 @@ def test_the_joints_change_as_little_as_possible():
     idle = np.array([np.linalg.svd(jacobian)[2][-1] for jacobian in J])
     assert np.abs((idle * v).sum(axis=1)).max() < 1e-7
     assert np.abs(v).max() > 0.1
-    other = solved("", "panda_joint3").trajectory["v_a"]  # a planted rule: it is not the least change
+    # a planted rule: it is not the least change
+    other = solved("", "panda_joint3").trajectory["v_a"]
     _, _, J = tool(solution.model, solved("", "panda_joint3").trajectory["q_a"])
     idle = np.array([np.linalg.svd(jacobian)[2][-1] for jacobian in J])
     assert np.abs((idle * other).sum(axis=1)).max() > 1e-2
 
 
-@pytest.mark.parametrize("name", [pytest.param("panda_joint1", marks=pytest.mark.slow), "panda_joint3"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("panda_joint1", marks=pytest.mark.slow), "panda_joint3"]
+)
 def test_a_joint_can_be_kept(name):
     solution = solved("", name)
     q = solution.trajectory["q_a"][:, int(name[-1]) - 1]
@@ -125,7 +140,10 @@ def test_three_outputs_and_seven_motors():
     line = replace(LINE, rotation=(0.0, 0.0, 0.0))
     solution = solve(panda("", "tool_position"), line, progress=False)
     p, _, _ = tool(solution.model, solution.trajectory["q_a"])
-    assert solution.status == Status.SOLVED and np.abs(p[-1] - p[0] - line.displacement).max() < NANOMETER
+    assert (
+        solution.status == Status.SOLVED
+        and np.abs(p[-1] - p[0] - line.displacement).max() < NANOMETER
+    )
     turning = solved().trajectory["v_a"]
     assert (solution.trajectory["v_a"] ** 2).sum() < (turning**2).sum()
 
@@ -142,15 +160,21 @@ def test_rounded_corners():
     v = np.einsum("nij,nj->ni", J, q_g[:, :, 1])
     assert np.abs(p - expected.y[:, :, 0]).max() < 5 * NANOMETER
     assert np.abs(v[:, :3] - expected.y[:, :, 1]).max() < 1e-6
-    step = np.diff(q_g[:, :, 1], axis=0) / np.diff(t)[:, None] - (q_g[1:, :, 2] + q_g[:-1, :, 2]) / 2
+    step = (
+        np.diff(q_g[:, :, 1], axis=0) / np.diff(t)[:, None] - (q_g[1:, :, 2] + q_g[:-1, :, 2]) / 2
+    )
     assert np.abs(step).max() < 1e-3 * np.abs(q_g[:, :, 2]).max()
 
 
 @pytest.mark.slow
 def test_invalid_requests_for_redundant_arms_are_refused():
-    with pytest.raises(ArgumentError, match="fixed_joint: given 'elbow', expected one of panda_joint1, "):
+    with pytest.raises(
+        ArgumentError, match="fixed_joint: given 'elbow', expected one of panda_joint1, "
+    ):
         solve(panda(), LINE, fixed_joint="elbow")
-    with pytest.raises(ArgumentError, match=r"fixed_joint: given 'q1' for model elbow, expected None"):
+    with pytest.raises(
+        ArgumentError, match=r"fixed_joint: given 'q1' for model elbow, expected None"
+    ):
         solve("elbow", fixed_joint="q1")
     with pytest.raises(SolverError, match=r"redundant arm: a singular pose after \d.* of the path"):
         solve(panda(), replace(LINE, displacement=(1.0, 0.0, 0.3)), progress=False)
@@ -162,6 +186,10 @@ axis = [1, 0, 0]
 spring = { type = "linear", stiffness = 1e5 }
 damping = 20.0
 """
-    with pytest.raises(ArgumentError, match=r"6 outputs, 7 motors and coordinates without motor \(tilt\)"):
+    with pytest.raises(
+        ArgumentError, match=r"6 outputs, 7 motors and coordinates without motor \(tilt\)"
+    ):
         solve(panda(bearing), LINE, progress=False)
-    assert solve(panda(bearing), panda(bearing).model.move("joints"), verify=False, progress=False).trajectory
+    assert solve(
+        panda(bearing), panda(bearing).model.move("joints"), verify=False, progress=False
+    ).trajectory

@@ -24,7 +24,8 @@ from flexgen.mechanics.signatures import INVERSION
 from flexgen.paths.path import Path, find_move
 
 LENGTH, N = 8.0, 2**16  # s, samples: the motion rests long before the path and long after it
-STIFFNESS, DAMPING, RATIO, ROTOR, VISCOUS = 100.0, 0.08, 220.0, 5e-3, 6e-3  # gear and motor of four_mass, motor side
+# gear and motor of four_mass, motor side
+STIFFNESS, DAMPING, RATIO, ROTOR, VISCOUS = 100.0, 0.08, 220.0, 5e-3, 6e-3
 J1, J2, J3, DRAG = 96.8, 968.0, 968.0, 48.4
 K2, D2, K3, D3 = 5.324e6, 2904.0, 3.872e6, 3872.0
 ALLOWED = 5e-3  # of the largest torque: what C `invert` accepts
@@ -34,8 +35,12 @@ ALLOWED = 5e-3  # of the largest torque: what C `invert` accepts
 def robot(tmp_path) -> flexgen.RobotModel:
     """four_mass with a linear gear and a path read from a file, whose torque changes within hundredths of a second."""
     t = np.linspace(0, 1, 51)
-    y = 0.05 * t**4 * (35 - 84 * t + 70 * t**2 - 20 * t**3) + 1e-4 * np.sin(np.pi * t) ** 8 * np.sin(30 * np.pi * t)
-    (tmp_path / "path.csv").write_text("t,y1\n" + "".join(f"{a:.8f},{b:.8f}\n" for a, b in zip(t, y, strict=True)))
+    y = 0.05 * t**4 * (35 - 84 * t + 70 * t**2 - 20 * t**3) + 1e-4 * np.sin(
+        np.pi * t
+    ) ** 8 * np.sin(30 * np.pi * t)
+    (tmp_path / "path.csv").write_text(
+        "t,y1\n" + "".join(f"{a:.8f},{b:.8f}\n" for a, b in zip(t, y, strict=True))
+    )
     move = '[[move]]\nname = "csv"\ntype = "sampled"\nfile = "path.csv"\nstart_rad = [0.0]\n'
     file = tmp_path / "four_mass.toml"
     text = (ROOT / "models/four_mass.toml").read_text()
@@ -44,7 +49,9 @@ def robot(tmp_path) -> flexgen.RobotModel:
     return flexgen.read(file, variant="high")
 
 
-def torque_of(robot: flexgen.RobotModel, move: str, to_motor: Callable[..., np.ndarray]) -> make_interp_spline:
+def torque_of(
+    robot: flexgen.RobotModel, move: str, to_motor: Callable[..., np.ndarray]
+) -> make_interp_spline:
     """Motor torque [N m] of a move over time [s]; to_motor: its transform, from s and that of the output's speed."""
     t = np.arange(N) * LENGTH / N - LENGTH / 2
     path = Path(flexgen.derive(robot), find_move(robot, move))
@@ -79,13 +86,17 @@ def of_three_masses(s: np.ndarray, speed: np.ndarray) -> np.ndarray:
 
 
 def error_of(
-    robot: flexgen.RobotModel, move: str = "csv", to_motor: Callable[..., np.ndarray] = of_four_masses
+    robot: flexgen.RobotModel,
+    move: str = "csv",
+    to_motor: Callable[..., np.ndarray] = of_four_masses,
 ) -> tuple[float, flexgen.Solution]:
     """Largest error of the torque of `solve`, relative to the largest torque, and the solution."""
     solution = flexgen.solve(robot, move, progress=False)
     assert solution.status == "solved"
     expected = torque_of(robot, move, to_motor)(solution.trajectory.time)
-    return float(np.abs(solution.trajectory["tau_m"][:, 0] - expected).max() / np.abs(expected).max()), solution
+    return float(
+        np.abs(solution.trajectory["tau_m"][:, 0] - expected).max() / np.abs(expected).max()
+    ), solution
 
 
 def test_the_mesh_resolves_the_torques_of_a_path_from_a_file(robot, monkeypatch):
@@ -138,7 +149,9 @@ def torques_by_samples(period: float, folder: Path) -> tuple[np.ndarray, flexgen
     path = flexgen.plan(equations)
     given = samples(Reduction(equations), path, period, round(path.duration / period) + 1)
     around = {"n_pre": 100 * each, "n_post": 100 * each, "q_start": path.q_start}
-    found = library.invert(*given, period=period, samples_per_interval=10 if each > 1 else 2, **around)
+    found = library.invert(
+        *given, period=period, samples_per_interval=10 if each > 1 else 2, **around
+    )
     return found.tau_m[::each], found
 
 
@@ -147,7 +160,13 @@ def test_a_dense_sampling_leaves_no_noise_in_the_torques(tmp_path, monkeypatch):
     """The difference of two positions has too few digits for accelerations. Planted: these as for longer periods."""
     expected, _ = torques_by_samples(1e-3, tmp_path)
     torque, found = torques_by_samples(1e-3 / 32, tmp_path)
-    assert found.torque_error < 1e-6 and np.abs(torque - expected).max() < 1e-6 * np.abs(expected).max()
+    assert (
+        found.torque_error < 1e-6
+        and np.abs(torque - expected).max() < 1e-6 * np.abs(expected).max()
+    )
     plant_in_c(monkeypatch, "path.h", "T < 4e-4", "T < 0.0")
     torque, found = torques_by_samples(1e-3 / 32, tmp_path / "planted")
-    assert found.torque_error > 1e-5 and np.abs(torque - expected).max() > 1e-5 * np.abs(expected).max()
+    assert (
+        found.torque_error > 1e-5
+        and np.abs(torque - expected).max() > 1e-5 * np.abs(expected).max()
+    )

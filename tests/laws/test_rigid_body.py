@@ -15,7 +15,11 @@ from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.gear_deflection import gear_deflection
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
 from flexgen.identification.recordings.rigid_body import identify_rigid
-from flexgen.identification.recordings.rigid_file import rigid_deviations, rigid_numbers, write_rigid
+from flexgen.identification.recordings.rigid_file import (
+    rigid_deviations,
+    rigid_numbers,
+    write_rigid,
+)
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate
 
@@ -30,13 +34,17 @@ def states(n_a: int, count: int = 40, seed: int = 0):
     return [rng.uniform(-1.5, 1.5, (count, n_a)) for _ in range(3)]
 
 
-@pytest.mark.parametrize("name", ["kr300", "elbow@rigid", PANDA], ids=["kr300", "elbow@rigid", "panda"])
+@pytest.mark.parametrize(
+    "name", ["kr300", "elbow@rigid", PANDA], ids=["kr300", "elbow@rigid", "panda"]
+)
 def test_the_torques_are_linear_in_the_bodies(name):
     """Against the inverse dynamics of the same model, which has its bodies as constants."""
     model = flexgen.read(name)
     regressor = Regressor(model)
     q, v, a = states(model.n_a)
-    expected = evaluate(flexgen.derive(model).function("inverse_dynamics"), q, v, a)[0].reshape(len(q), -1)
+    expected = evaluate(flexgen.derive(model).function("inverse_dynamics"), q, v, a)[0].reshape(
+        len(q), -1
+    )
     found = regressor(q, v, a) @ regressor.of_model()
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
     transposed = regressor(q, v, -a) @ regressor.of_model()
@@ -58,7 +66,9 @@ def recorded(model, seed: int = 0, noise: float = 0.0) -> Motion:
     q = (amplitude[:, :, None] * np.sin(angle)).sum(axis=1).T
     v = (amplitude[:, :, None] * w[:, None] * np.cos(angle)).sum(axis=1).T
     a = -(amplitude[:, :, None] * w[:, None] ** 2 * np.sin(angle)).sum(axis=1).T
-    arm = evaluate(flexgen.derive(model).function("inverse_dynamics"), q, v, a)[0].reshape(len(t), -1)
+    arm = evaluate(flexgen.derive(model).function("inverse_dynamics"), q, v, a)[0].reshape(
+        len(t), -1
+    )
     motor = np.array([m.inertia for m in model.motors]) * (a @ model.eta.T)
     tau = np.linalg.solve(model.eta.T, arm.T).T + motor + 0.3 * v + 0.5 * np.tanh(v / 5e-4) + 0.1
     return Motion(t, q, tau + noise * rng.standard_normal(tau.shape))
@@ -74,7 +84,9 @@ def test_another_robot_is_found_and_its_bodies_are_possible():
     found = identify_rigid(model, [recorded(truth, k, noise=0.02) for k in range(3)], parts=0)
     held_out = recorded(truth, 9)
     assert np.nanmax(found.relative_errors(held_out)) < 0.05  # axis 6 turns next to nothing
-    assert found.friction[:, 0] == pytest.approx(0.3, rel=0.1) and found.friction[:, 1] == pytest.approx(0.5, rel=0.1)
+    assert found.friction[:, 0] == pytest.approx(0.3, rel=0.1) and found.friction[
+        :, 1
+    ] == pytest.approx(0.5, rel=0.1)
     for row in found.pi.reshape(-1, 10):
         assert np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0
     before = identify_rigid(
@@ -91,7 +103,10 @@ def test_a_zero_that_is_off_is_named():
     motions = [recorded(model, k, noise=0.02) for k in range(3)]
     moved = [replace(motion, q=motion.q + 0.1 * np.eye(6)[2]) for motion in motions]
     found = identify_rigid(model, moved, parts=0)
-    assert found.status == RigidStatus.MODEL_ERROR and found.mistake.what == "a zero of q3 [rad] off by"
+    assert (
+        found.status == RigidStatus.MODEL_ERROR
+        and found.mistake.what == "a zero of q3 [rad] off by"
+    )
     assert found.mistake.value == pytest.approx(0.1, rel=0.15)
 
 
@@ -108,7 +123,13 @@ def runs():
     out = []
     for file in files:
         data = np.load(file, allow_pickle=False)
-        out.append(Motion(data["t"], np.deg2rad(data["q_mot_deg"] + HOME_DEG[:, None]).T, data["tau_motor_Nm"].T))
+        out.append(
+            Motion(
+                data["t"],
+                np.deg2rad(data["q_mot_deg"] + HOME_DEG[:, None]).T,
+                data["tau_motor_Nm"].T,
+            )
+        )
     return out
 
 
@@ -121,7 +142,8 @@ def test_recordings_of_a_kr300(runs):
     assert np.max(found.relative_errors(runs[1])) < 0.17
     assert np.max(found.relative_errors(runs[0])) < 0.19
     plain = identify_rigid(model, runs, prior=1e-6, parts=0)
-    assert np.max(plain.relative_errors(runs[1])) > 0.25  # the bodies of the file and friction alone
+    # the bodies of the file and friction alone
+    assert np.max(plain.relative_errors(runs[1])) > 0.25
 
 
 @pytest.mark.slow
@@ -134,14 +156,23 @@ def test_gear_stiffness_of_a_kr300(runs):
     results = []
     for axis in range(3):
         parts = [
-            (motion.derivatives[0][:, axis], np.deg2rad(d["q_se_deg"][axis] + HOME_DEG[axis]), tau[:, axis])
-            for motion, d, tau in zip(runs, data, [found.gear_torques(m) for m in runs], strict=True)
+            (
+                motion.derivatives[0][:, axis],
+                np.deg2rad(d["q_se_deg"][axis] + HOME_DEG[axis]),
+                tau[:, axis],
+            )
+            for motion, d, tau in zip(
+                runs, data, [found.gear_torques(m) for m in runs], strict=True
+            )
         ]
         q, link, tau = (np.concatenate(x) for x in zip(*parts, strict=True))
         results.append(gear_deflection(np.arange(len(q)) * 4e-3, q, link, tau))
     assert results[0].stiffness is None and "not identifiable" in results[0].sentence
     for result, stiffness in zip(results[1:], (1.1e7, 6.4e6), strict=True):
-        assert result.stiffness is not None and result.interval[0] < result.stiffness < result.interval[1]
+        assert (
+            result.stiffness is not None
+            and result.interval[0] < result.stiffness < result.interval[1]
+        )
         assert stiffness / 2 < result.stiffness < 2 * stiffness
         assert 2.5e-3 < result.skew_s < 3.3e-3
 
@@ -155,7 +186,9 @@ def test_a_known_deflection_is_found_and_noise_is_not():
     noise = 2e-6 * rng.standard_normal(len(t))
     link = np.interp(t - 2e-3, t, q - tau / 1e7) - 1e-3 + noise
     found = gear_deflection(t, q, link, tau)
-    assert found.stiffness == pytest.approx(1e7, rel=0.02) and found.skew_s == pytest.approx(2e-3, rel=0.02)
+    assert found.stiffness == pytest.approx(1e7, rel=0.02) and found.skew_s == pytest.approx(
+        2e-3, rel=0.02
+    )
     assert found.interval[0] < 1e7 < found.interval[1] and found.explained > 0.6
     nothing = gear_deflection(t, q, q + 1e-3 * rng.standard_normal(len(t)), tau)
     assert nothing.stiffness is None and nothing.interval[1] == np.inf
@@ -226,7 +259,9 @@ def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path
     """A gas spring of the first joint: the written model has its torque, within the stated deviations."""
     model = flexgen.read("elbow@rigid")
     found = identify_rigid(
-        model, [swung(model, c, 1.2, k, 0.02) for k, c in enumerate((0.0, 0.8))], counterbalance={"q1": 1}
+        model,
+        [swung(model, c, 1.2, k, 0.02) for k, c in enumerate((0.0, 0.8))],
+        counterbalance={"q1": 1},
     )
     assert found.status == RigidStatus.FITTED and (found.left_out < 0.1).all()
     numbers, sd = rigid_numbers(found), rigid_deviations(found)
@@ -243,8 +278,11 @@ def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path
         for m in (again, flexgen.read(balanced_elbow(tmp_path / "true.toml")))
     ]
     assert np.abs(held[0] - held[1])[:, 0].max() < 0.02 * np.abs(held[1][:, 0]).max()
-    refit = identify_rigid(again, [swung(model, 0.4, 1.2, 3, 0.02)], counterbalance={"q1": 1}, parts=0)
-    assert refit.status == RigidStatus.NOT_CHECKED  # the file's counterbalance is fitted anew, and not added
+    refit = identify_rigid(
+        again, [swung(model, 0.4, 1.2, 3, 0.02)], counterbalance={"q1": 1}, parts=0
+    )
+    # the file's counterbalance is fitted anew, and not added
+    assert refit.status == RigidStatus.NOT_CHECKED
     assert refit.model.elements[0].dofs[0].counterbalance[1][0] == pytest.approx(SINE, rel=0.5)
 
 
@@ -257,7 +295,9 @@ def test_a_fit_that_fails_on_other_motions_has_no_deviations_and_says_so(tmp_pat
     failed = found.validated([near], [far])
     assert failed.relative_errors(far)[0] > 0.5
     assert (
-        failed.status == RigidStatus.POORLY_VALIDATED and failed.numbers_sd is None and rigid_deviations(failed) == {}
+        failed.status == RigidStatus.POORLY_VALIDATED
+        and failed.numbers_sd is None
+        and rigid_deviations(failed) == {}
     )
     text = write_rigid(failed, tmp_path / "new.toml", "test").read_text()
     assert "poorly validated, no standard deviations" in text and ": sd " not in text
@@ -271,4 +311,6 @@ def test_one_run_of_a_kr300_is_seen_not_to_determine_its_counterbalance(runs):
     assert both.status == RigidStatus.FITTED
     alone = identify_rigid(model, runs[:1], counterbalance={"q2": 2})
     assert alone.relative_errors(runs[1])[1] > 1.0  # more than the torque itself
-    assert alone.status == alone.validated(runs[:1], runs[1:]).status == RigidStatus.POORLY_VALIDATED
+    assert (
+        alone.status == alone.validated(runs[:1], runs[1:]).status == RigidStatus.POORLY_VALIDATED
+    )

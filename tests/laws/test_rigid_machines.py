@@ -47,14 +47,21 @@ def largest_error(share: float, k_p: float, k_v: float, k_i: float) -> float:
         u = k_v * (w + k_i * total) - share * MASS / RATIO * acceleration(t)
         return [de, u / (inertia + share * MASS / RATIO), w]
 
-    found = solve_ivp(rate, (0.0, 3 * DURATION), [0.0, 0.0, 0.0], rtol=1e-9, atol=1e-14, max_step=2e-3)
+    found = solve_ivp(
+        rate, (0.0, 3 * DURATION), [0.0, 0.0, 0.0], rtol=1e-9, atol=1e-14, max_step=2e-3
+    )
     return float(np.abs(found.y[0]).max())
 
 
 def test_the_predicted_error_is_that_of_slides_of_other_masses(slide):
     found = flexgen.predict(slide, progress=False)
     gains = (
-        float(x[0]) for x in (found.feedback.position_gain, found.feedback.speed_gain, found.feedback.integral_gain)
+        float(x[0])
+        for x in (
+            found.feedback.position_gain,
+            found.feedback.speed_gain,
+            found.feedback.integral_gain,
+        )
     )
     of_one = largest_error(SD, *gains)
     assert 1.5 * of_one < found.error_m < 2.5 * of_one  # 1.96 of very many robots
@@ -69,7 +76,9 @@ def test_the_fastest_motion_keeps_its_torque_and_has_no_vibration(slide):
     torque = (MASS / RATIO + ROTOR * RATIO) * a
     assert np.abs(torque).max() == pytest.approx(LARGEST, rel=2e-3)
     least = 2 * np.sqrt(WAY * (MASS / RATIO + ROTOR * RATIO) / LARGEST)
-    assert least < quick.duration_s < 1.25 * least and quick.rigid_s == pytest.approx(least, rel=0.01)
+    assert least < quick.duration_s < 1.25 * least and quick.rigid_s == pytest.approx(
+        least, rel=0.01
+    )
     assert quick.vibration == {} and "vibration" not in str(quick)
     with pytest.raises(ArgumentError, match="vibration: given for slide, which has no springs"):
         flexgen.fastest(slide, limits=limits, vibration=1e-5)
@@ -80,9 +89,17 @@ def test_the_fastest_motion_keeps_its_torque_and_has_no_vibration(slide):
 def test_a_direct_drive_with_bristles_moves_in_the_loop_as_its_equations(slide):
     """The torques of the loop, held, move a slide with the LuGre law as its own equations do."""
     coulomb, static, speed, stiffness, damping = 0.2, 0.3, 5.0, 300.0, 0.4
-    law = {"coulomb": coulomb, "static": static, "stribeck_speed": speed, "stiffness": stiffness, "damping": damping}
+    law = {
+        "coulomb": coulomb,
+        "static": static,
+        "stribeck_speed": speed,
+        "stiffness": stiffness,
+        "damping": damping,
+    }
     robot = flexgen.read(slide, overrides={"motor.m1.lugre": law})
-    run = flexgen.control(robot, plants={"heavy": {"payload": 2.0}}, sample_time=1e-3, progress=False)
+    run = flexgen.control(
+        robot, plants={"heavy": {"payload": 2.0}}, sample_time=1e-3, progress=False
+    )
     time, heavy = run.reference.time, run["heavy"]
     assert np.abs(heavy.error).max() > 1e-5 and run.tool_error_max_m < 1e-8
     first, last = np.searchsorted(time, [-0.01, DURATION + 0.1])
@@ -97,7 +114,9 @@ def test_a_direct_drive_with_bristles_moves_in_the_loop_as_its_equations(slide):
     x, found = np.array([heavy.q_a[first, 0], 0.0, 0.0]), []
     for k in range(first, last):
         found.append(x[0])
-        held = solve_ivp(rate, time[k : k + 2], x, "Radau", args=(heavy.tau_m[k, 0],), rtol=1e-8, atol=1e-13)
+        held = solve_ivp(
+            rate, time[k : k + 2], x, "Radau", args=(heavy.tau_m[k, 0],), rtol=1e-8, atol=1e-13
+        )
         x = held.y[:, -1]
     np.testing.assert_allclose(found, heavy.q_a[first:last, 0], atol=2e-8)  # m, of 0.3 m
 
@@ -115,7 +134,9 @@ def test_the_self_test_of_one_coordinate_is_written_and_passes(slide, tmp_path):
 def test_an_excitation_of_a_robot_without_springs_asks_for_parameters(slide: Path) -> None:
     """It named 'stiffness', which was not given; a viscous friction is a number that can be found."""
     band = {"f_min": 1.0, "f_max": 50.0, "poses": 1, "lines": 5, "progress": False}
-    with pytest.raises(ArgumentError, match="free: given none, expected names: slide has no springs"):
+    with pytest.raises(
+        ArgumentError, match="free: given none, expected names: slide has no springs"
+    ):
         flexgen.excite(slide, **band)  # type: ignore[arg-type]
     viscous = flexgen.read(slide, overrides={"motor.m1.friction": {"viscous": 0.01}})
     assert list(flexgen.excite(viscous, **band).predicted) == ["m1.viscous"]  # type: ignore[arg-type]

@@ -19,7 +19,9 @@ METHODS = ("rigid", "fjm", "quasistatic", "collocation")
 
 
 def _table(equations, plants, controls=("feedforward", "feedback"), methods=METHODS):  # type: ignore[no-untyped-def]
-    solutions = {method: flexgen.solve(equations, method=method, verify=False) for method in methods}
+    solutions = {
+        method: flexgen.solve(equations, method=method, verify=False) for method in methods
+    }
     rows = compare_plants(equations, solutions, plants, controls)
     return {(row["plant"], row["control"], row["method"]): row for row in rows}
 
@@ -47,7 +49,10 @@ def test_the_table_of_a_planar_arm() -> None:
 def test_mass_errors_need_feedback() -> None:
     equations = flexgen.derive("planar5_mp")
     table = _table(equations, (Plant("heavy", mass=1.05),), methods=("collocation",))
-    free, held = (table["heavy", control, "collocation"]["error_max_m"] for control in ("feedforward", "feedback"))
+    free, held = (
+        table["heavy", control, "collocation"]["error_max_m"]
+        for control in ("feedforward", "feedback")
+    )
     assert free > 0.01 > 10 * held
 
 
@@ -61,7 +66,9 @@ def test_poses_beams_and_joints_have_rows() -> None:
     assert row["error_max_m"] is None and row["error_max_rad"] > 1e-3
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp", "beam_arm", "kr300@backlash", "four_mass", "four_mass@piecewise"])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp", "beam_arm", "kr300@backlash", "four_mass", "four_mass@piecewise"]
+)
 def test_perturbed_springs_and_masses(name: str) -> None:
     """Every spring's torque and every inertia is multiplied."""
     model = read(name)
@@ -84,7 +91,10 @@ def test_held_motors_are_the_inverse_of_held_joints() -> None:
         equations = flexgen.derive(name)
         rest = hold_joints(equations, np.array(equations.model.home))
         again = hold_motors(equations, rest.q_m, np.zeros(equations.model.n_a))
-        assert np.abs(again.q_a - rest.q_a).max() < SAME and np.abs(again.tau_m - rest.tau_m).max() < 1e-6
+        assert (
+            np.abs(again.q_a - rest.q_a).max() < SAME
+            and np.abs(again.tau_m - rest.tau_m).max() < 1e-6
+        )
 
 
 @pytest.mark.slow
@@ -111,7 +121,8 @@ def test_wrong_arguments_are_refused() -> None:
         compare_plants(equations, {"rigid": solution}, controls=("magic",))
     with pytest.raises(ArgumentError, match="expected solutions of one move"):
         compare_plants(
-            equations, {"a": solution, "b": flexgen.solve(equations, "joints", method="rigid", verify=False)}
+            equations,
+            {"a": solution, "b": flexgen.solve(equations, "joints", method="rigid", verify=False)},
         )
     with pytest.raises(ArgumentError, match="given stiffness 0, expected a positive factor"):
         perturb(equations.model, Plant("none", stiffness=0))

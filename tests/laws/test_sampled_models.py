@@ -21,7 +21,11 @@ H = 1e-3
 
 def oscillator() -> tuple[np.ndarray, np.ndarray]:
     """Two masses, a spring and a damper, two torques."""
-    M, K, D = np.diag([1.0, 2.0]), 400.0 * np.array([[1, -1], [-1, 1]]), 0.5 * np.array([[1, -1], [-1, 1]])
+    M, K, D = (
+        np.diag([1.0, 2.0]),
+        400.0 * np.array([[1, -1], [-1, 1]]),
+        0.5 * np.array([[1, -1], [-1, 1]]),
+    )
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     return A, np.vstack([np.zeros((2, 2)), np.linalg.inv(M)])
 
@@ -75,7 +79,10 @@ def test_no_solution_is_an_error():
 def test_a_cascade_is_its_linear_form():
     """Random errors through both, filters and integral parts included."""
     law = Cascade(
-        np.array([10.0, 20.0]), np.array([3.0, 2.0]), np.array([1.0, 4.0]), (LowPass(60.0, 0.7), Notch(25.0, 0.2, 0.8))
+        np.array([10.0, 20.0]),
+        np.array([3.0, 2.0]),
+        np.array([1.0, 4.0]),
+        (LowPass(60.0, 0.7), Notch(25.0, 0.2, 0.8)),
     )
     linear = as_linear(law.begin(H), H, 2)
     assert linear is not None
@@ -89,14 +96,18 @@ def test_a_cascade_is_its_linear_form():
         assert np.allclose(law.step(k, y, ref), linear.step(k, y, ref), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("arguments", [{"rho": 0.0}, {"encoder_noise": -1.0}, {"torque_noise": float("nan")}])
+@pytest.mark.parametrize(
+    "arguments", [{"rho": 0.0}, {"encoder_noise": -1.0}, {"torque_noise": float("nan")}]
+)
 def test_wrong_weights_are_refused(arguments):
     with pytest.raises(ValueError, match=f"{next(iter(arguments))}: given"):
         LQG(**arguments)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.4, 1.0, 1.7, 2.0])
-def test_outputs_with_feedthrough_and_late_sensors_are_those_of_the_exact_motion(delay: float) -> None:
+def test_outputs_with_feedthrough_and_late_sensors_are_those_of_the_exact_motion(
+    delay: float,
+) -> None:
     """Torques held from sample to sample, exact pieces in between; the torque that acts when a sample is taken."""
     rng, h, n, steps = np.random.default_rng(3), 0.1, 3, 40
     A, B, C, D = (rng.normal(size=size) for size in ((n, n), (n, 2), (3, n), (3, 2)))
@@ -111,7 +122,8 @@ def test_outputs_with_feedthrough_and_late_sensors_are_those_of_the_exact_motion
     E = expm(np.block([[A - 2 * np.eye(n), B], [np.zeros((2, n + 2))]]) * h / fine)
     for k in range(steps * fine):
         if k % fine == 0:
-            before = int(np.ceil(k - fine * delay - 1e-9)) - 1  # a piece that has ended acts no more
+            # a piece that has ended acts no more
+            before = int(np.ceil(k - fine * delay - 1e-9)) - 1
             shown.append(C @ state + D @ (u[before // fine] if before >= 0 else np.zeros(2)))
         now = int(np.floor(k - fine * delay + 1e-9))
         state = E[:n, :n] @ state + E[:n, n:] @ (u[now // fine] if now >= 0 else np.zeros(2))

@@ -13,14 +13,17 @@ from flexgen.identification.local_model import LocalModel
 from flexgen.mechanics.parameters import select, with_values
 
 
-def sampled_response(local: LocalModel, q_m: np.ndarray, w: np.ndarray, T: float, late: float) -> np.ndarray:
+def sampled_response(
+    local: LocalModel, q_m: np.ndarray, w: np.ndarray, T: float, late: float
+) -> np.ndarray:
     """``(j w)^2 C (z - A_d)^-1 (B_0 + B_1/z)``: from torques that are held from ``late`` after a sample on."""
     M, D, K, B = (x[0] for x in local.matrices(local.values, q_m))
     n, m = len(M), B.shape[1]
     A = np.zeros((2 * n + m, 2 * n + m))
     A[:n, n : 2 * n] = np.eye(n)
     A[n : 2 * n] = np.linalg.solve(M, np.hstack([-K, -D, B]))
-    parts = [expm(A * part)[: 2 * n] for part in (late, T - late)]  # with the torque before, and with the new one
+    # with the torque before, and with the new one
+    parts = [expm(A * part)[: 2 * n] for part in (late, T - late)]
     before, after = ((x[:, : 2 * n], x[:, 2 * n :]) for x in parts)
     z = np.exp(1j * w * T)[:, None, None]
     forced = after[0] @ before[1] / z + after[1]
@@ -35,7 +38,8 @@ def test_responses_of_held_torques_are_those_of_samples(name: str, part: float) 
     local = LocalModel(flexgen.read(name), ["stiffness"])
     q_m = poses_of(local.model, 1, spread=0.2) @ local.model.eta.T
     M, _, K, _ = (x[0] for x in local.matrices(local.values, q_m))
-    T = 2 * np.pi / (3 * np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.max()))  # three samples a period
+    # three samples a period
+    T = 2 * np.pi / (3 * np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.max()))
     w = np.linspace(0.02, 0.2, 40) * 2 * np.pi / T
     exact = sampled_response(local, q_m, w, T, part * T)
     size = np.abs(exact).max(axis=(1, 2))
@@ -52,10 +56,14 @@ def test_responses_of_held_torques_are_those_of_samples(name: str, part: float) 
 @pytest.mark.parametrize("sample_s", [2e-3, 4e-3])
 def test_a_right_robot_with_slow_drives_is_fitted(sample_s: float) -> None:
     """It was one: torques held for 2 ms have images of some percent of a small response."""
-    hardware = flexgen.DriveHardware(sample_s=sample_s, encoder_noise_rad=1e-5, torque_noise_Nm=0.02)
+    hardware = flexgen.DriveHardware(
+        sample_s=sample_s, encoder_noise_rad=1e-5, torque_noise_Nm=0.02
+    )
     model = flexgen.read("planar5_nmp")
     factors = {"q1.stiffness": 1.1, "q2.stiffness": 0.87, "q3.stiffness": 0.9, "q2.damping": 1.15}
-    true = with_values(model, {p.name: p.value * factors.get(p.name, 1.0) for p in select(model, list(factors))})
+    true = with_values(
+        model, {p.name: p.value * factors.get(p.name, 1.0) for p in select(model, list(factors))}
+    )
     plan = flexgen.excite(model, poses=4, lines=40, period_s=2.0, speed_rms=0.03, hardware=hardware)
     found = flexgen.identify(model, flexgen.frf(flexgen.measure(plan, true)))
     assert found.status == "fitted"

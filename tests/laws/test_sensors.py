@@ -37,8 +37,20 @@ def with_sensors(name: str) -> RobotModel:
     plain = flexgen.read(name)
     last, first = plain.elements[-1].name, plain.coordinates[0]
     sensors = [
-        {"name": "acc", "type": "accelerometer", "element": last, "position": [0.1, -0.2, 0.05], "unit": "m/s^2"},
-        {"name": "tool_acc", "type": "accelerometer", "element": "tool", "axes": ["z", [1, 1, 0]], "unit": "g"},
+        {
+            "name": "acc",
+            "type": "accelerometer",
+            "element": last,
+            "position": [0.1, -0.2, 0.05],
+            "unit": "m/s^2",
+        },
+        {
+            "name": "tool_acc",
+            "type": "accelerometer",
+            "element": "tool",
+            "axes": ["z", [1, 1, 0]],
+            "unit": "g",
+        },
         {"name": "rate", "type": "gyro", "element": last, "unit": "deg/s", "delay_s": 1e-3},
         {"name": "link", "type": "link_encoder", "coordinate": first.name, "unit": first.unit},
         {"name": "seen", "type": "tracker", "position": [0.0, 0.05, 0.1], "unit": "mm"},
@@ -58,11 +70,15 @@ def test_derivatives_of_sensor_rows_are_those_of_central_differences(name: str) 
     for k, value in enumerate(values):
         step = 1e-4 * abs(value)
         up, down = (
-            local.response(values + s * step * (np.arange(len(values)) == k), q_m, W, drive, derivatives=False).G
+            local.response(
+                values + s * step * (np.arange(len(values)) == k), q_m, W, drive, derivatives=False
+            ).G
             for s in (1.0, -1.0)
         )
         numeric = (up - down) / (2 * step)
-        difference, scale = (np.abs(x).max(axis=(0, 1, 3)) for x in (numeric - exact[..., k], exact[..., k]))
+        difference, scale = (
+            np.abs(x).max(axis=(0, 1, 3)) for x in (numeric - exact[..., k], exact[..., k])
+        )
         starts = np.cumsum([0, model.n_m, 3, 2, 3, 1])  # of the outputs of one kind
         worst, largest = (np.maximum.reduceat(x, starts) for x in (difference, scale))
         least = 1e-6 * scale.max()  # an output that does not feel the parameter shows rounding
@@ -137,7 +153,9 @@ BAD = [
 def test_identified_delays_are_those_of_their_sensors() -> None:
     model = planar()
     found = with_sensor_delays(model, {"rate.delay": 3e-3, "m1.delay": 9.0})
-    assert [sensor.delay_s for sensor in found.sensors] == [0.0, 3e-3, 1e-3] and with_sensor_delays(model, {}) is model
+    assert [sensor.delay_s for sensor in found.sensors] == [0.0, 3e-3, 1e-3] and with_sensor_delays(
+        model, {}
+    ) is model
 
 
 @pytest.mark.parametrize(("entries", "key"), BAD)
@@ -149,9 +167,31 @@ def test_bad_sensors_are_refused(entries: dict[str, object], key: str) -> None:
 # --- experiments ------------------------------------------------------------------------------------------------------
 
 TOOL = [
-    {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "axes": ["x", "y"], "noise": 0.02},
-    {"name": "rate", "type": "gyro", "element": "tool", "unit": "rad/s", "axes": ["z"], "noise": 1e-4},
-    {"name": "seen", "type": "tracker", "unit": "m", "axes": ["x"], "noise": 1e-5, "sample_s": 2e-3, "delay_s": 1e-3},
+    {
+        "name": "acc",
+        "type": "accelerometer",
+        "element": "tool",
+        "unit": "m/s^2",
+        "axes": ["x", "y"],
+        "noise": 0.02,
+    },
+    {
+        "name": "rate",
+        "type": "gyro",
+        "element": "tool",
+        "unit": "rad/s",
+        "axes": ["z"],
+        "noise": 1e-4,
+    },
+    {
+        "name": "seen",
+        "type": "tracker",
+        "unit": "m",
+        "axes": ["x"],
+        "noise": 1e-5,
+        "sample_s": 2e-3,
+        "delay_s": 1e-3,
+    },
 ]
 
 
@@ -169,7 +209,9 @@ def test_measured_responses_of_sensors_are_those_of_the_linear_model() -> None:
     assert Experiment.from_data(*experiment.data()).orders == experiment.orders == (0, 0, 1, 2)
     found = flexgen.frf(experiment)
     local = LocalModel(model, (), found.sensors)
-    exact = local.response(local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False).G
+    exact = local.response(
+        local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False
+    ).G
     assert found.outputs == ("m1", "m2", "acc.x", "acc.y", "rate.z", "seen.x")
     assert np.median(np.abs(found.G / exact - 1)) < 1e-4
     worst = np.abs(found.G - exact).max(axis=(0, 1, 3)) / np.abs(exact).max(axis=(0, 1, 3))
@@ -187,7 +229,12 @@ def test_sensors_make_parameters_more_accurate_by_as_much_as_predicted(tmp_path:
     errors, predicted = {}, {}
     for sensors in ((), None):
         plan = flexgen.excite(
-            model, poses=poses_of(model, 2), speed_rms=0.02, f_max=100.0, hardware=NOISY, sensors=sensors
+            model,
+            poses=poses_of(model, 2),
+            speed_rms=0.02,
+            f_max=100.0,
+            hardware=NOISY,
+            sensors=sensors,
         )
         chain = []
         for seed in range(4):
@@ -207,7 +254,9 @@ def test_sensors_make_parameters_more_accurate_by_as_much_as_predicted(tmp_path:
 @pytest.mark.slow
 def test_recordings_with_sensors_are_those_of_the_experiment(tmp_path: Path) -> None:
     model = planar()
-    plan = flexgen.excite(model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0, hardware=NOISY)
+    plan = flexgen.excite(
+        model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0, hardware=NOISY
+    )
     path = tmp_path / "robot.toml"
     text = Path(model.file).read_text()
     for sensor in TOOL[:2]:
@@ -229,9 +278,13 @@ def saved_with_sensors(path: Path, delays: dict[str, float]) -> RobotModel:
     text = Path(flexgen.read("planar5_nmp").file).read_text()
     for sensor in TOOL:
         rows = {**sensor, "delay_s": delays[str(sensor["name"])]}
-        text += "\n[[sensor]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in rows.items())
+        text += "\n[[sensor]]\n" + "".join(
+            f"{key} = {json.dumps(value)}\n" for key, value in rows.items()
+        )
     path.write_text(text)
-    return replace(without_coulomb("planar5_nmp"), sensors=flexgen.read(path).sensors, file=str(path))
+    return replace(
+        without_coulomb("planar5_nmp"), sensors=flexgen.read(path).sensors, file=str(path)
+    )
 
 
 @pytest.mark.slow
@@ -243,30 +296,48 @@ def test_delays_of_sensors_are_found_within_their_deviations(tmp_path: Path) -> 
     scores = []
     for seed in range(3):
         plan = flexgen.excite(
-            model, poses=poses_of(model, 2), speed_rms=0.02, f_max=100.0, hardware=NOISY, lines=30, period_s=2.0
+            model,
+            poses=poses_of(model, 2),
+            speed_rms=0.02,
+            f_max=100.0,
+            hardware=NOISY,
+            lines=30,
+            period_s=2.0,
         )
         data = flexgen.frf(flexgen.measure(plan, truth, seed=seed))
-        found = flexgen.identify(model, data, free=["stiffness", "damping", "sensor_delay"], starts=1)
+        found = flexgen.identify(
+            model, data, free=["stiffness", "damping", "sensor_delay"], starts=1
+        )
         assert found.status == FitStatus.FITTED
         for name, exact in late.items():
             sd = found.sd[f"{name}.delay"]
             assert sd is not None and sd < 2e-5
             scores.append((found.values[f"{name}.delay"] - exact) / sd)
-    assert np.abs(scores).max() < 4 and 0.4 < np.sqrt(np.mean(np.square(scores))) < 2  # nine numbers
+    # nine numbers
+    assert np.abs(scores).max() < 4 and 0.4 < np.sqrt(np.mean(np.square(scores))) < 2
     fixed = flexgen.identify(model, data, free=["stiffness", "damping"], starts=1)
     assert fixed.status == FitStatus.MODEL_ERROR
     text = found.write(tmp_path / "new.toml").read_text()
     again = {sensor.name: sensor.delay_s for sensor in flexgen.read(tmp_path / "new.toml").sensors}
-    assert again["seen"] == found.values["seen.delay"] == found.model.sensors[2].delay_s and "seen.delay: sd " in text
+    assert (
+        again["seen"] == found.values["seen.delay"] == found.model.sensors[2].delay_s
+        and "seen.delay: sd " in text
+    )
 
 
 def test_a_delay_of_a_sensor_that_is_not_there_is_refused() -> None:
     model = planar()
-    plan = flexgen.excite(model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0, sensors=["acc.x"])
+    plan = flexgen.excite(
+        model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0, sensors=["acc.x"]
+    )
     data = flexgen.frf(flexgen.measure(plan, model))
-    with pytest.raises(ArgumentError, match=r"free: given 'nose\.delay', expected one of acc\.delay, rate\.delay"):
+    with pytest.raises(
+        ArgumentError, match=r"free: given 'nose\.delay', expected one of acc\.delay, rate\.delay"
+    ):
         flexgen.identify(model, data, free=["stiffness", "nose.delay"])
-    with pytest.raises(ArgumentError, match=r"free: given 'seen\.delay', expected a sensor of the data: acc"):
+    with pytest.raises(
+        ArgumentError, match=r"free: given 'seen\.delay', expected a sensor of the data: acc"
+    ):
         flexgen.identify(model, data, free=["stiffness", "seen.delay"])
     with pytest.raises(ArgumentError, match="expected no delay: the model file has no"):
         flexgen.identify(without_coulomb("planar5_nmp"), data, free=["sensor_delay"])
@@ -275,16 +346,23 @@ def test_a_delay_of_a_sensor_that_is_not_there_is_refused() -> None:
 def test_sensors_that_do_not_fit_are_refused() -> None:
     model = planar()
     plan = flexgen.excite(model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0)
-    with pytest.raises(ArgumentError, match=r"sensor channel: given 'nose', expected one of acc\.x"):
+    with pytest.raises(
+        ArgumentError, match=r"sensor channel: given 'nose', expected one of acc\.x"
+    ):
         flexgen.excite(model, poses=poses_of(model, 1), sensors=["nose"])
     slow = replace(model, sensors=(replace(model.sensors[2], sample_s=7e-4),))
-    with pytest.raises(ArgumentError, match=r"seen\.x: given sample_s = 0\.0007 s, expected a multiple"):
+    with pytest.raises(
+        ArgumentError, match=r"seen\.x: given sample_s = 0\.0007 s, expected a multiple"
+    ):
         flexgen.measure(replace(plan, sensors=("seen.x",)), slow)
     slower = replace(model, sensors=(replace(model.sensors[2], sample_s=0.05),))
     with pytest.raises(ArgumentError, match="less than half a period of the highest frequency"):
         flexgen.measure(replace(plan, sensors=("seen.x",)), slower)
     with pytest.raises(ArgumentError, match="expected none: the model file has no"):
         flexgen.measure(plan, without_coulomb("planar5_nmp"))
-    still = replace(model, sensors=(replace(model.sensors[1], axes=((1.0, 0.0, 0.0),), labels=("x",), noise=0.0),))
+    still = replace(
+        model,
+        sensors=(replace(model.sensors[1], axes=((1.0, 0.0, 0.0),), labels=("x",), noise=0.0),),
+    )
     with pytest.raises(ArgumentError, match=r"the sensor channels rate\.x do not move"):
         flexgen.frf(flexgen.measure(replace(plan, sensors=("rate.x",)), still))

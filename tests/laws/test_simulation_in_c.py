@@ -30,15 +30,23 @@ def oscillator(t: np.ndarray) -> tuple[ca.Function, PPoly, np.ndarray]:
 
     def ramp(s: np.ndarray) -> np.ndarray:
         s = np.maximum(s, 0.0)
-        return np.stack([s - np.sin(OMEGA * s) / OMEGA, 1 - np.cos(OMEGA * s)], axis=1) * SLOPE / OMEGA**2
+        return (
+            np.stack([s - np.sin(OMEGA * s) / OMEGA, 1 - np.cos(OMEGA * s)], axis=1)
+            * SLOPE
+            / OMEGA**2
+        )
 
     return rate, torque, ramp(t) - ramp(t - 0.5)
 
 
-def in_c(rate: ca.Function, torque: PPoly, t: np.ndarray, start: np.ndarray, rtol: float = RTOL) -> np.ndarray:
+def in_c(
+    rate: ca.Function, torque: PPoly, t: np.ndarray, start: np.ndarray, rtol: float = RTOL
+) -> np.ndarray:
     found = compiled_rate.compiled_rate(rate, None)
     assert found is not None, "the tests need a C compiler"
-    loop = Rates(lambda s, x: np.zeros(len(x)), lambda s, x: np.zeros((len(x), len(x))), found, torque)
+    loop = Rates(
+        lambda s, x: np.zeros(len(x)), lambda s, x: np.zeros((len(x), len(x))), found, torque
+    )
     return integrate(loop, start, t, rtol, np.full(len(start), ATOL)).states
 
 
@@ -67,7 +75,9 @@ def test_a_wrong_coefficient_is_seen(name: str, monkeypatch: pytest.MonkeyPatch)
 def test_the_error_follows_the_tolerance(rtol: float) -> None:
     t = np.linspace(0.0, 2.0, 77)
     rate, torque, exact = oscillator(t)
-    error = np.abs(in_c(rate, torque, t, np.zeros(2), rtol) - exact).max(axis=0) / np.abs(exact).max(axis=0)
+    error = np.abs(in_c(rate, torque, t, np.zeros(2), rtol) - exact).max(axis=0) / np.abs(
+        exact
+    ).max(axis=0)
     assert (error < 100 * rtol).all()
 
 
@@ -81,9 +91,12 @@ def test_the_same_steps_as_scipy() -> None:
     def function(s: float, x: np.ndarray) -> np.ndarray:
         return np.asarray(rate(x, torque(s)), float).ravel()
 
-    loops = [Rates(function, lambda s, x: np.zeros((2, 2)), where, torque) for where in (found, None)]
+    loops = [
+        Rates(function, lambda s, x: np.zeros((2, 2)), where, torque) for where in (found, None)
+    ]
     ours, theirs = (integrate(loop, np.zeros(2), t, RTOL, np.full(2, ATOL)) for loop in loops)
-    assert ours.evaluations == pytest.approx(theirs.evaluations, rel=0.01)  # the first steps have no instant
+    # the first steps have no instant
+    assert ours.evaluations == pytest.approx(theirs.evaluations, rel=0.01)
     errors = [np.abs(found.states - exact).max(axis=0) for found in (ours, theirs)]
     assert (errors[0] < 1.5 * errors[1]).all()
 
@@ -139,7 +152,9 @@ def test_a_state_beyond_all_bounds_is_an_error_with_its_time(
         in_c(rate, torque, np.linspace(0.0, 5.0, 6), np.full(1, start))
 
 
-def test_the_limit_of_evaluations_is_that_of_the_explicit_method(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_limit_of_evaluations_is_that_of_the_explicit_method(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(integrators, "EVALUATIONS", 6_000)
     monkeypatch.setattr(integrators, "LONG", 1_000.0)
     t = np.linspace(0.0, 2.0, 3)
@@ -154,7 +169,9 @@ def test_the_limit_of_evaluations_is_that_of_the_explicit_method(monkeypatch: py
     [("too small a step", 0.0, "too small a step"), (None, np.nan, "not finite"), (None, 0.0, "")],
 )
 def test_a_failed_step_of_scipy_has_a_reason(message, y, failure):
-    solver = SimpleNamespace(t=0.0, y=np.array([y]), nfev=0, status="failed" if message else "running")
+    solver = SimpleNamespace(
+        t=0.0, y=np.array([y]), nfev=0, status="failed" if message else "running"
+    )
     solver.step = lambda: setattr(solver, "nfev", solver.nfev + 1) or message
     solver.dense_output = lambda: np.sin
     steps = _Scipy(solver, np.array([1.0]))

@@ -42,7 +42,9 @@ def single(name: str, folder: FilePath) -> Library:
     """The library of a model in single precision."""
     if name not in _LIBRARIES:
         used = [function for function in INVERSION if function in offered_functions(read(name))]
-        where = generate(name, folder / FilePath(name).stem, functions=used, precision="single").directory
+        where = generate(
+            name, folder / FilePath(name).stem, functions=used, precision="single"
+        ).directory
         _LIBRARIES[name] = load(where)
     return _LIBRARIES[name]
 
@@ -65,14 +67,19 @@ def test_the_tool_follows_a_stream_in_single_precision(name, move, allowed, fold
     machine = Machine(name, move, single(name, folder))
     t, results = machine.followed()
     assert results["tau_m"].dtype == np.float32
-    assert error(machine.simulation(t, {key: x.astype(float) for key, x in results.items()})) < allowed
+    assert (
+        error(machine.simulation(t, {key: x.astype(float) for key, x in results.items()})) < allowed
+    )
 
 
 def test_torques_with_three_digits_are_seen(folder):
     machine = Machine("planar5_nmp", None, single("planar5_nmp", folder))
     t, results = machine.followed()
     results["tau_m"] = results["tau_m"].astype(np.float16)
-    assert error(machine.simulation(t, {key: x.astype(float) for key, x in results.items()})) > 5 * PLANAR
+    assert (
+        error(machine.simulation(t, {key: x.astype(float) for key, x in results.items()}))
+        > 5 * PLANAR
+    )
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("elbow", marks=pytest.mark.slow)])
@@ -112,7 +119,9 @@ def test_limits_in_single_precision(folder):
 
 
 def test_bvp_in_single_precision_is_refused(folder):
-    with pytest.raises(ArgumentError, match="parts: given 'bvp', but it is in double precision only; leave it out"):
+    with pytest.raises(
+        ArgumentError, match="parts: given 'bvp', but it is in double precision only; leave it out"
+    ):
         generate("planar5_nmp", folder / "with", precision="single", parts=["bvp"], build=False)
 
 
@@ -121,13 +130,20 @@ def test_what_the_page_names_and_nothing_else_is_missing_in_single_precision(par
     """docs/c_library.md: but no `bvp` and `invert_limited`; each has a function for the size of its workspace."""
     robot = read("planar5_nmp")
     more, less = (
-        {f.name for f in offered_c_functions(robot, offered_functions(robot), parameters, precision, PARTS)}
+        {
+            f.name
+            for f in offered_c_functions(
+                robot, offered_functions(robot), parameters, precision, PARTS
+            )
+        }
         for precision in ("double", "single")
     )
     text = (ROOT / "docs/c_library.md").read_text(encoding="utf-8")
     (said,) = re.findall(r"Libraries in single precision have .* but no (.*)\.", text)
     named = re.findall("`(.*?)`", said)
-    assert len(named) == 2 and more - less == {name + end for name in named for end in ("", "_work")}
+    assert len(named) == 2 and more - less == {
+        name + end for name in named for end in ("", "_work")
+    }
     assert less < more
 
 

@@ -20,7 +20,9 @@ def wrapped(x: np.ndarray) -> np.ndarray:
     return np.asarray((x + np.pi) % (2 * np.pi) - np.pi)
 
 
-@pytest.mark.parametrize("q5", [0.0, 1e-9, *(pytest.param(x, marks=pytest.mark.slow) for x in (1e-6, 1e-3))])
+@pytest.mark.parametrize(
+    "q5", [0.0, 1e-9, *(pytest.param(x, marks=pytest.mark.slow) for x in (1e-6, 1e-3))]
+)
 def test_a_configuration_near_a_wrist_singularity_is_found_once(q5):
     equations = flexgen.derive("manutec_r3")
     rng = np.random.default_rng(7)
@@ -28,7 +30,9 @@ def test_a_configuration_near_a_wrist_singularity_is_found_once(q5):
         q[4] = q5
         p, R = evaluate(equations.function("forward_kinematics"), q[None])
         found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
-        all_p, all_R = evaluate(equations.function("forward_kinematics"), np.array([c.q for c in found]))
+        all_p, all_R = evaluate(
+            equations.function("forward_kinematics"), np.array([c.q for c in found])
+        )
         assert np.abs(all_p.reshape(-1, 3) - p.ravel()).max() < 1e-10
         assert np.abs(all_R.reshape(-1, 3, 3) - R.reshape(3, 3)).max() < 1e-10
         assert any(c.distance < 1e-3 for c in found)
@@ -36,7 +40,11 @@ def test_a_configuration_near_a_wrist_singularity_is_found_once(q5):
             assert sum(np.abs(wrapped(c.q - q)).max() < 1e-5 for c in found) == 1
             assert not any(c.singular for c in found)
         else:  # a family: the sum of the fourth and sixth angle is what the pose determines
-            rows = [np.r_[c.q[:3] - q[:3], c.q[4], c.q[3] + c.q[5] - q[3] - q[5]] for c in found if c.singular]
+            rows = [
+                np.r_[c.q[:3] - q[:3], c.q[4], c.q[3] + c.q[5] - q[3] - q[5]]
+                for c in found
+                if c.singular
+            ]
             assert sum(np.abs(wrapped(row)).max() < 1e-6 for row in rows) == 1
 
 
@@ -51,7 +59,10 @@ def test_a_configuration_near_singular_wrist_and_elbow_is_found(q5):
     q[4] = q5
     p, R = evaluate(equations.function("forward_kinematics"), q[None])
     found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
-    assert sum(np.abs(wrapped(c.q - q)).max() < 1e-5 for c in found) == 1 and max(c.error for c in found) < 1e-11
+    assert (
+        sum(np.abs(wrapped(c.q - q)).max() < 1e-5 for c in found) == 1
+        and max(c.error for c in found) < 1e-11
+    )
 
 
 @pytest.mark.slow
@@ -82,4 +93,7 @@ def test_a_configuration_of_parallel_axes_near_a_wrist_singularity_is_found_once
     p, R = evaluate(equations.function("forward_kinematics"), np.array([q]))
     found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
     assert sum(not c.singular for c in found) <= 8 and max(c.error for c in found) < 1e-11
-    assert any(c.singular for c in found) or sum(np.abs(wrapped(c.q - q)).max() < 1e-3 for c in found) == 1
+    assert (
+        any(c.singular for c in found)
+        or sum(np.abs(wrapped(c.q - q)).max() < 1e-3 for c in found) == 1
+    )

@@ -43,12 +43,15 @@ def errors_on_path(solution: flexgen.Solution) -> tuple[float, float]:
     moving = np.flatnonzero((y_ref != y_ref[-1]).any(axis=1))
     own = slice(0, moving[-1] + 1 if len(moving) else None)
     units = np.array(run.units["error"])
-    in_m, in_rad = (np.linalg.norm(run["error"][own][:, units == unit], axis=1).max() for unit in ("m", "rad"))
+    in_m, in_rad = (
+        np.linalg.norm(run["error"][own][:, units == unit], axis=1).max() for unit in ("m", "rad")
+    )
     return float(in_m), float(run["turn"][own].max() if "turn" in run else in_rad)
 
 
 @pytest.mark.parametrize(
-    "name", ["planar5_mp", "planar5_nmp", "planar5_soft", pytest.param("beam_arm", marks=pytest.mark.slow)]
+    "name",
+    ["planar5_mp", "planar5_nmp", "planar5_soft", pytest.param("beam_arm", marks=pytest.mark.slow)],
 )
 def test_collocation_is_verified_to_a_micron(name: str) -> None:
     solution = flexgen.solve(name, method="collocation")
@@ -83,11 +86,15 @@ def test_one_coordinate_is_enough(method: str) -> None:
     assert solution.simulation is not None
     assert np.abs(solution.simulation.trajectory["error"]).max() < MICRON
     # optimal control ends at rest to the tolerance of its solver; then the arm drifts under the last torque
-    assert solution.tool_error_max_m is not None and solution.tool_error_max_m < (5 if method == "full" else 1) * MICRON
+    assert (
+        solution.tool_error_max_m is not None
+        and solution.tool_error_max_m < (5 if method == "full" else 1) * MICRON
+    )
     link, ratio, inertia = 0.1 + 5.0 * 0.4**2, 50.0, 1e-4
     q, a, tau = (solution.trajectory[name][:, 0] for name in ("q_a", "a_a", "tau_m"))
     by_hand = ((link + ratio**2 * inertia) * a + 5.0 * 9.81 * 0.4 * np.cos(q)) / ratio
-    tolerance = 1e-3 if method == "full" else 1e-12  # there the torque is a polynomial on every interval of the mesh
+    # there the torque is a polynomial on every interval of the mesh
+    tolerance = 1e-3 if method == "full" else 1e-12
     assert np.abs(tau - by_hand).max() < tolerance * np.abs(by_hand).max()
 
 
@@ -117,9 +124,15 @@ def test_a_wrong_torque_is_seen() -> None:
     solution = flexgen.solve(equations, verify=False)
     trajectory = solution.trajectory
     wrong = dict(trajectory.channels, tau_m=trajectory["tau_m"] * 1.001)
-    assert (simulate(equations, dataclasses.replace(trajectory, channels=wrong)).tool_error_max_m or 0) > MICRON
-    late = dict(trajectory.channels, tau_m=np.vstack([trajectory["tau_m"][:1], trajectory["tau_m"][:-1]]))
-    assert (simulate(equations, dataclasses.replace(trajectory, channels=late)).tool_error_max_m or 0) > MICRON
+    assert (
+        simulate(equations, dataclasses.replace(trajectory, channels=wrong)).tool_error_max_m or 0
+    ) > MICRON
+    late = dict(
+        trajectory.channels, tau_m=np.vstack([trajectory["tau_m"][:1], trajectory["tau_m"][:-1]])
+    )
+    assert (
+        simulate(equations, dataclasses.replace(trajectory, channels=late)).tool_error_max_m or 0
+    ) > MICRON
 
 
 @pytest.mark.slow
@@ -152,14 +165,18 @@ def test_a_zero_may_pass_through_infinity_along_the_path(method: str) -> None:
 
 
 def test_a_move_of_no_length_is_solved() -> None:
-    solution = flexgen.solve(read("planar5_nmp", overrides={"move.line.displacement": [0.0, 0.0, 0.0]}))
+    solution = flexgen.solve(
+        read("planar5_nmp", overrides={"move.line.displacement": [0.0, 0.0, 0.0]})
+    )
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 1e-12
 
 
 @pytest.mark.slow
 def test_an_output_that_no_motor_moves_is_refused() -> None:
     weights = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    model = dataclasses.replace(read("planar5_nmp"), output=Output("combination", "", weights, "rad"))
+    model = dataclasses.replace(
+        read("planar5_nmp"), output=Output("combination", "", weights, "rad")
+    )
     with pytest.raises(SolverError, match="does not determine the actuated coordinates"):
         flexgen.solve(model, "joints")
 
@@ -173,7 +190,9 @@ def test_a_move_that_is_not_smooth_enough_is_warned_of() -> None:
 
 @pytest.mark.slow
 def test_coarse_meshes_are_refused_or_seen() -> None:
-    assert flexgen.solve("abb_arm", method="collocation", mesh=0.5).status == Status.TOLERANCE_NOT_MET
+    assert (
+        flexgen.solve("abb_arm", method="collocation", mesh=0.5).status == Status.TOLERANCE_NOT_MET
+    )
     for name, mesh in (("beam_arm", 0.1), ("planar5_nmp", 0.08)):
         with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
             flexgen.solve(name, method="collocation", mesh=mesh, verify=False)
@@ -184,7 +203,10 @@ def test_coarse_meshes_are_refused_or_seen() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"move": "nowhere"}, "move: given 'nowhere', expected one of model planar5_mp: line, joints"),
+        (
+            {"move": "nowhere"},
+            "move: given 'nowhere', expected one of model planar5_mp: line, joints",
+        ),
         ({"method": "magic"}, "method: given 'magic', expected one of"),
         ({"method": "closed-form"}, "has 1 non-actuated coordinates"),
         ({"mesh": -1.0}, "mesh: given -1.0"),
@@ -214,7 +236,12 @@ LARGE = ("manutec_r3_efjm", "manutec_r3_18", "manutec_r3_24", "manutec_r3_30", "
 
 @pytest.mark.parametrize(
     ("name", "move"),
-    [(name, move.name) for name in model_names() for move in shipped(name).moves if name not in LARGE],
+    [
+        (name, move.name)
+        for name in model_names()
+        for move in shipped(name).moves
+        if name not in LARGE
+    ],
 )
 def test_every_shipped_move_is_solved(name: str, move: str) -> None:
     solution = flexgen.solve(name, move)
@@ -222,8 +249,11 @@ def test_every_shipped_move_is_solved(name: str, move: str) -> None:
     in_m, in_rad = errors_on_path(solution)
     assert in_m < 2 * MICRON and in_rad < MICRON
     assert solution.simulation is not None
-    unstable = solution.simulation.growth_whole > UNSTABLE  # then the feedback is named, and nothing else
-    assert [text.split(":")[0] for text in solution.warnings] == ["the open loop is unstable"] * unstable
+    # then the feedback is named, and nothing else
+    unstable = solution.simulation.growth_whole > UNSTABLE
+    assert [text.split(":")[0] for text in solution.warnings] == [
+        "the open loop is unstable"
+    ] * unstable
 
 
 @pytest.mark.full
@@ -252,7 +282,11 @@ def test_the_referee_moves_the_tool_along_the_path() -> None:
     path = Path(flexgen.derive(model), model.move("line"))
     for k, t in enumerate(ends):
         q1, q2, q3 = done.y[:3, k]
-        tool = 0.8 * np.exp(1j * q1) + 0.35 * np.exp(1j * (q1 + q2)) + 0.45 * np.exp(1j * (q1 + q2 + q3))
+        tool = (
+            0.8 * np.exp(1j * q1)
+            + 0.35 * np.exp(1j * (q1 + q2))
+            + 0.45 * np.exp(1j * (q1 + q2 + q3))
+        )
         reference = path.sample(np.array([t])).y[0, :, 0]
         # the tolerance of a lower-order integrator, a tenth of what is promised
         assert np.hypot(tool.real - reference[0], tool.imag - reference[1]) < MICRON / 10
@@ -268,7 +302,10 @@ def test_fast_moves_of_light_machines(factor: float) -> None:
         "element.arm3.dof.q3.spring.stiffness": 1.5e5 / factor**2,
         "element.arm3.dof.q3.damping": 150.0 / factor,
     }
-    for element, joint, stiffness, damping in (("arm1", "q1", 4e5, 400.0), ("arm2", "q2", 2.5e5, 250.0)):
+    for element, joint, stiffness, damping in (
+        ("arm1", "q1", 4e5, 400.0),
+        ("arm2", "q2", 2.5e5, 250.0),
+    ):
         changes[f"element.{element}.dof.{joint}.gear.spring.stiffness"] = stiffness / factor**2
         changes[f"element.{element}.dof.{joint}.gear.damping"] = damping / factor
     for motor in ("m1", "m2"):
@@ -283,13 +320,19 @@ def test_fast_moves_of_light_machines(factor: float) -> None:
 def test_the_accuracy_of_small_arms_is_relative_to_their_size() -> None:
     assert reach(flexgen.derive("planar5_nmp")) == pytest.approx(1.6, rel=1e-3)
     assert reach(flexgen.derive("four_mass")) == 1.0
-    small = {"element.arm2.origin.position": [8e-4, 0, 0], "element.arm3.origin.position": [3.5e-4, 0, 0]}
+    small = {
+        "element.arm2.origin.position": [8e-4, 0, 0],
+        "element.arm3.origin.position": [3.5e-4, 0, 0],
+    }
     small["tool.position"] = [4.5e-4, 0, 0]
-    assert reach(flexgen.derive(read("planar5_nmp", overrides=small))) == pytest.approx(1.6e-3, rel=1e-3)
+    assert reach(flexgen.derive(read("planar5_nmp", overrides=small))) == pytest.approx(
+        1.6e-3, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "method"), [pytest.param("planar5_nmp", "lq", marks=pytest.mark.slow), ("elbow", "closed-form")]
+    ("name", "method"),
+    [pytest.param("planar5_nmp", "lq", marks=pytest.mark.slow), ("elbow", "closed-form")],
 )
 def test_coupled_motors(name: str, method: str) -> None:
     solution = flexgen.solve(read(name, overrides=COUPLED))
@@ -304,7 +347,10 @@ def test_coupled_motors(name: str, method: str) -> None:
     ("move", "message"),
     [
         (Move("x", "toolline", (0.3, -1.1), 0.5, 5), "given type 'toolline'"),
-        (Move("x", "tool_line", (0.3,), 0.5, 5, displacement=(0.1, 0.0, 0.0)), "expected 2 finite numbers"),
+        (
+            Move("x", "tool_line", (0.3,), 0.5, 5, displacement=(0.1, 0.0, 0.0)),
+            "expected 2 finite numbers",
+        ),
         (Move("x", "tool_line", (0.3, -1.1), 0.5, 5), "given displacement"),
         (Move("x", "joint", (0.3, -1.1), 0.5, 5, end=(float("inf"), 0.0)), "given end"),
     ],

@@ -32,7 +32,10 @@ def test_full_and_reduced_agree() -> None:
     full = flexgen.solve(equations, method="full")
     assert full.tool_error_max_m is not None and full.tool_error_max_m < MICRON
     t = np.linspace(0, 0.5, 100)
-    torques = [make_interp_spline(s.trajectory.time, s.trajectory["tau_m"], k=5)(t) for s in (reduced, full)]
+    torques = [
+        make_interp_spline(s.trajectory.time, s.trajectory["tau_m"], k=5)(t)
+        for s in (reduced, full)
+    ]
     # what the tool does not feel is free: a torque ripple at the frequency of the mesh, a hundredth at most
     assert np.abs(torques[0] - torques[1]).max() < 1e-2 * np.abs(torques[0]).max()
 
@@ -85,7 +88,8 @@ def test_gear_torque_channel_is_that_of_the_gears() -> None:
             arm = [trajectory[x] for x in ("q_a", "v_a", "a_a")]
             right = evaluate(equations.function("inverse_dynamics"), *arm)[0]
             right = right - evaluate(equations.function("arm_forces"), *arm[:2])[0]
-            close = 1e-2  # the torque's polynomial between the Gauss points, where the equations need not hold
+            # the torque's polynomial between the Gauss points, where the equations need not hold
+            close = 1e-2
         else:
             state = [trajectory[x] for x in ("q_a", "v_a", "q_m", "v_m")]
             right, close = evaluate(equations.function("gear_torque"), *state)[0], 1e-9
@@ -106,9 +110,16 @@ def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
 def test_backlash_is_solved_when_the_closed_form_fails(method: str) -> None:
     said: list[str] = []
     solution = flexgen.solve("kr300@backlash", method=method, progress=said.append)
-    assert any("trying method lq; before: closed-form: verified error" in line for line in said) == (method == "auto")
-    assert (solution.method, solution.status) == ("lq" if method == "auto" else "full", Status.SOLVED)
-    assert (solution.tool_error_max_m or 1) < 2 * MICRON and (solution.tool_error_max_rad or 1) < 2 * MICRON
+    assert any(
+        "trying method lq; before: closed-form: verified error" in line for line in said
+    ) == (method == "auto")
+    assert (solution.method, solution.status) == (
+        "lq" if method == "auto" else "full",
+        Status.SOLVED,
+    )
+    assert (solution.tool_error_max_m or 1) < 2 * MICRON and (
+        solution.tool_error_max_rad or 1
+    ) < 2 * MICRON
 
 
 @pytest.mark.slow

@@ -22,13 +22,15 @@ from flexgen.model.reader import read
 pytestmark = needs_compiler
 
 PLANAR, SIX_AXES = "planar5_nmp", "manutec_r3_18"
-PLANAR_ERROR, SIX_AXES_ERROR = 1e-8, 1e-7  # m and rad: 1e-10 and 1e-9 were measured; a user is promised 1 and 5 um
+# m and rad: 1e-10 and 1e-9 were measured; a user is promised 1 and 5 um
+PLANAR_ERROR, SIX_AXES_ERROR = 1e-8, 1e-7
 # What one sample per update leaves of the torque's second derivative: measured 0.12 um, with two samples 5 nm.
 ONE_PART_ERROR = 1e-6
 # Torque of the stream and of the whole path, relative to the largest: their motions agree to 1e-12 rad, their
 # derivatives, by differences, to 6e-6.
 AGREES = 2e-5
-STIFF_AGREES = 1e-4  # the same for gears that stiffen, whose deflection is integrated: measured 7e-6
+# the same for gears that stiffen, whose deflection is integrated: measured 7e-6
+STIFF_AGREES = 1e-4
 MOST = 22.0  # N m: a bound that the path would pass by a tenth
 SOFT = (1 / 300, 1 / 17)  # factors of stiffness and damping of the passive joint
 MICROMETER = 1e-6
@@ -42,10 +44,14 @@ def machine(name: str = PLANAR, move: str | None = None) -> Machine:
 
 # --- judged by the full model -----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
-    ("samples_per_interval", "allowed"), [(1, ONE_PART_ERROR), (5, PLANAR_ERROR), (10, PLANAR_ERROR)]
+    ("samples_per_interval", "allowed"),
+    [(1, ONE_PART_ERROR), (5, PLANAR_ERROR), (10, PLANAR_ERROR)],
 )
 def test_the_tool_of_a_planar_arm_follows(samples_per_interval, allowed):
-    assert error(machine().simulation(*machine().followed(samples_per_interval=samples_per_interval))) < allowed
+    assert (
+        error(machine().simulation(*machine().followed(samples_per_interval=samples_per_interval)))
+        < allowed
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,7 +85,10 @@ def test_torques_that_come_late_are_seen():
 @pytest.mark.slow
 @pytest.mark.parametrize("move", ["line", "turning_line"])
 def test_the_tool_of_six_axes_with_six_elasticities_follows(move):
-    assert error(machine(SIX_AXES, move).simulation(*machine(SIX_AXES, move).followed())) < SIX_AXES_ERROR
+    assert (
+        error(machine(SIX_AXES, move).simulation(*machine(SIX_AXES, move).followed()))
+        < SIX_AXES_ERROR
+    )
 
 
 @cache
@@ -95,7 +104,9 @@ def test_the_preview_of_the_analysis_is_enough_for_a_stream():
     soft, preview = soft_machine()
     assert 0.15 < preview < 0.5  # the unstable zero is near 50 1/s
     enough = error(soft.simulation(*soft.followed(ahead=int(np.ceil(preview / UPDATE)))))
-    short = error(soft.simulation(*soft.followed(ahead=int(np.ceil(0.36 * preview / UPDATE)), checked=False)))
+    short = error(
+        soft.simulation(*soft.followed(ahead=int(np.ceil(0.36 * preview / UPDATE)), checked=False))
+    )
     assert enough < MICROMETER < short  # five time constants were called enough
 
 
@@ -138,7 +149,9 @@ def whole_path() -> tuple[np.ndarray, np.ndarray]:
     """Instants and torques of the planar arm's whole path, the motion before and behind it included."""
     planar, fine = machine(), UPDATE / PARTS
     found = planar.library.invert(
-        *samples(Reduction(planar.equations), planar.path, fine, round(planar.path.duration / fine) + 1),
+        *samples(
+            Reduction(planar.equations), planar.path, fine, round(planar.path.duration / fine) + 1
+        ),
         period=fine,
         q_start=planar.path.q_start,
         n_pre=AHEAD * PARTS,
@@ -164,7 +177,10 @@ def test_a_long_look_ahead_gives_what_the_whole_path_gives():
 
 def test_a_short_look_ahead_does_not():
     """One interval, some four time constants of the unstable zero; and that there are too few samples is told."""
-    stream, (outputs, rates, rates2) = machine().begun(1), machine().samples(UPDATE * np.arange(1, 51))
+    stream, (outputs, rates, rates2) = (
+        machine().begun(1),
+        machine().samples(UPDATE * np.arange(1, 51)),
+    )
     given = [stream.update(*sample) for sample in zip(outputs, rates, rates2, strict=True)]
     assert not any(interval.converged for interval in given[10:])
     assert away_from_the_whole_path(1) > 10 * AGREES
@@ -175,10 +191,14 @@ def test_the_motion_does_not_depend_on_the_samples_asked_for(samples_per_interva
     _, few = machine().followed(samples_per_interval=samples_per_interval)
     _, some = machine().followed(samples_per_interval=PARTS)
     for name in ("q_a", "v_a", "tau_g"):
-        assert np.abs(few[name][::samples_per_interval] - some[name][::PARTS]).max() < 1e-9 * np.abs(some[name]).max()
+        assert (
+            np.abs(few[name][::samples_per_interval] - some[name][::PARTS]).max()
+            < 1e-9 * np.abs(some[name]).max()
+        )
     # motors follow by differences of samples
     assert (
-        np.abs(few["tau_m"][::samples_per_interval] - some["tau_m"][::PARTS]).max() < 1e-3 * np.abs(some["tau_m"]).max()
+        np.abs(few["tau_m"][::samples_per_interval] - some["tau_m"][::PARTS]).max()
+        < 1e-3 * np.abs(some["tau_m"]).max()
     )
 
 
@@ -189,13 +209,16 @@ def stiffening() -> Machine:
     model = read("elbow")
     spring = SmoothSpring(1e6, 8e6, 1.6e-3)
     elements = tuple(
-        replace(e, dofs=(replace(e.dofs[0], gear=replace(e.dofs[0].gear, spring=spring, damping=20.0)),))
+        replace(
+            e, dofs=(replace(e.dofs[0], gear=replace(e.dofs[0].gear, spring=spring, damping=20.0)),)
+        )
         for e in model.elements
     )
     return Machine(replace(model, name="stiffening", elements=elements), "joints")
 
 
-@pytest.mark.parametrize("samples_per_interval", [2, 5])  # deciding anew at each update was 8e4 and 8e-3 off
+# deciding anew at each update was 8e4 and 8e-3 off
+@pytest.mark.parametrize("samples_per_interval", [2, 5])
 @pytest.mark.slow
 def test_gears_that_stiffen_are_the_same_in_a_stream(samples_per_interval):
     one, fine = stiffening(), UPDATE / samples_per_interval
@@ -222,14 +245,21 @@ def test_active_limits_are_reported_with_an_unmet_tolerance():
     told = []
     for tolerance in (1e-3, 1e-300):
         stream = one.library.stream(
-            y, one.path.q_start, period=UPDATE, intervals=AHEAD, samples_per_interval=PARTS, tolerance=tolerance
+            y,
+            one.path.q_start,
+            period=UPDATE,
+            intervals=AHEAD,
+            samples_per_interval=PARTS,
+            tolerance=tolerance,
         )
         stream.limit(torque=np.full(2, MOST))
         told.append([stream.update(*sample) for sample in all_samples])
     for some, others in zip(*told, strict=True):
         assert some.limits_active == others.limits_active and some.converged >= others.converged
         assert some.limits_active or np.abs(some.tau_m).max() <= MOST
-    assert any(x.limits_active and not x.converged for x in told[1]) and not all(x.limits_active for x in told[1])
+    assert any(x.limits_active and not x.converged for x in told[1]) and not all(
+        x.limits_active for x in told[1]
+    )
 
 
 # --- rest, refusals, end ----------------------------------------------------------------------------------------------
@@ -246,7 +276,10 @@ def test_a_stream_starts_at_rest_and_holds_at_the_end():
     for held in (first, [stream.update(y, still, still) for _ in range(20)]):
         torque = np.vstack([x.tau_m for x in held])
         assert np.ptp(torque, axis=0).max() < STILL
-        assert max(np.abs(x.v_a).max() for x in held) < STILL and max(np.abs(x.v_m).max() for x in held) < STILL
+        assert (
+            max(np.abs(x.v_a).max() for x in held) < STILL
+            and max(np.abs(x.v_m).max() for x in held) < STILL
+        )
         # and it is the torque that statics ask for
         tau_g, row = machine().library.inversion_rows(held[-1].q_a[-1], np.zeros(3), np.zeros(3))
         ratio = np.linalg.inv(machine().equations.model.eta)
@@ -284,7 +317,11 @@ def test_a_jump_of_the_path_is_reported_as_not_converged(name, samples_per_inter
     verdicts = [interval.converged for interval in given]
     assert not all(verdicts) and all(verdicts[-AHEAD:])
     held = np.abs(given[-1].tau_m[-1])
-    assert all(interval.converged is False for interval in given if (np.abs(interval.tau_m - held) > 10 * held).any())
+    assert all(
+        interval.converged is False
+        for interval in given
+        if (np.abs(interval.tau_m - held) > 10 * held).any()
+    )
 
 
 # --- the example in C -------------------------------------------------------------------------------------------------
@@ -304,7 +341,10 @@ def test_the_stream_of_the_example_drives_a_robot(tmp_path):
     # A torque held for a millisecond leaves 1.6 um, a quarter of the cycle a sixteenth of it.
     assert 0.1 < strays["stream"] < 2.0 and strays["refused"] == strays["stream"]
     assert strays["late"] > 100.0 * strays["stream"]
-    assert len(runs["stream"]) == 1 and "t = 0.250 s refused: the path leaves the workspace" in runs["refused"][0]
+    assert (
+        len(runs["stream"]) == 1
+        and "t = 0.250 s refused: the path leaves the workspace" in runs["refused"][0]
+    )
     # what was sent at 0.25 s and after it is known before the tool gets there: it is stopped while still on its path
     assert runs["jump"][0].endswith("stopping") and strays["jump"] < 2.0
     assert float(runs["jump"][-1].split()[-2]) < 1e-2
@@ -317,5 +357,16 @@ def test_the_example_sees_memory_that_is_too_small(tmp_path):
     few = text.replace("MEMORY = (int)PLANAR5_NMP_STREAM_SIZE(INTERVALS, PARTS)", "MEMORY = 512")
     assert few != text
     (tmp_path / "few.c").write_text(few, encoding="ascii")
-    run(tool("cc"), "-std=c99", "-O0", f"-I{folder}", "few.c", *sources(folder), "-lm", "-o", "few", folder=tmp_path)
+    run(
+        tool("cc"),
+        "-std=c99",
+        "-O0",
+        f"-I{folder}",
+        "few.c",
+        *sources(folder),
+        "-lm",
+        "-o",
+        "few",
+        folder=tmp_path,
+    )
     run(tmp_path / "few", folder=tmp_path, expected=1)

@@ -27,13 +27,17 @@ def machine(name: str, move: str | None) -> Machine:
 
 
 @cache
-def from_rest(name: str, move: str | None, hold: str = "spline") -> tuple[tuple[np.ndarray, ...], list[Interval]]:
+def from_rest(
+    name: str, move: str | None, hold: str = "spline"
+) -> tuple[tuple[np.ndarray, ...], list[Interval]]:
     """All samples of the path, and the intervals of a stream from rest; interval k is that of update k + 1."""
     one = machine(name, move)
     n = int(np.ceil((one.path.duration + AFTER) / UPDATE)) + AHEAD
     samples = one.samples(UPDATE * np.arange(n + 1))
     stream = one.begun(hold=hold)
-    return samples, [stream.update(*sample) for sample in zip(*(x[1:] for x in samples), strict=True)]
+    return samples, [
+        stream.update(*sample) for sample in zip(*(x[1:] for x in samples), strict=True)
+    ]
 
 
 def moving(name: str, move: str | None, first: int, **options: Any) -> Stream:
@@ -79,7 +83,10 @@ def test_held_torques_from_motion_agree_with_those_from_rest(hold):
 
 @pytest.mark.parametrize(
     ("name", "move", "allowed"),
-    [("planar5_nmp", None, 1e-8), pytest.param("manutec_r3_18", "line", 1e-6, marks=pytest.mark.slow)],
+    [
+        ("planar5_nmp", None, 1e-8),
+        pytest.param("manutec_r3_18", "line", 1e-6, marks=pytest.mark.slow),
+    ],
 )
 def test_the_tool_follows_where_one_stream_takes_over_from_another(name, move, allowed):
     """The torques of one stream, then those of another that starts in motion."""
@@ -91,7 +98,8 @@ def test_the_tool_follows_where_one_stream_takes_over_from_another(name, move, a
     results = {key: np.vstack([getattr(interval, key) for interval in whole]) for key in NAMES}
     t = np.arange(len(whole) * PARTS) * UPDATE / PARTS - (AHEAD - 1) * UPDATE
     assert error(one.simulation(t, results)) < allowed
-    late = before[:switch] + updates(moving(name, move, first - 1), name, move, first - 1, rest)  # planted: one early
+    # planted: one early
+    late = before[:switch] + updates(moving(name, move, first - 1), name, move, first - 1, rest)
     results = {key: np.vstack([getattr(interval, key) for interval in late]) for key in NAMES}
     assert error(one.simulation(t, results)) > 1e-4
 
@@ -108,7 +116,13 @@ def test_a_stream_from_motion_starts_at_rest_and_can_be_copied():
     one = machine("planar5_nmp", None)
     y, dy, ddy = (np.repeat(x[:1], AHEAD + START_SAMPLES, axis=0) for x in samples)
     stream = one.library.stream(
-        y, one.path.q_start, period=UPDATE, intervals=AHEAD, samples_per_interval=PARTS, dy=dy, ddy=ddy
+        y,
+        one.path.q_start,
+        period=UPDATE,
+        intervals=AHEAD,
+        samples_per_interval=PARTS,
+        dy=dy,
+        ddy=ddy,
     )
     found = [stream.update(*(x[k] for x in samples)) for k in (1, 2, 3)]
     for interval, other in zip(found, expected, strict=False):
@@ -121,7 +135,9 @@ def test_invalid_starts_from_motion_are_refused():
     n = AHEAD + START_SAMPLES
     y, dy, ddy = (x[:n] for x in samples)
     options: dict[str, Any] = {"period": UPDATE, "intervals": AHEAD, "samples_per_interval": PARTS}
-    with pytest.raises(ArgumentError, match=rf"stream, dy: given shape \({n - 1}, 2\), expected \({n}, 2\)"):
+    with pytest.raises(
+        ArgumentError, match=rf"stream, dy: given shape \({n - 1}, 2\), expected \({n}, 2\)"
+    ):
         library.stream(y, q, dy=dy[1:], ddy=ddy, **options)
     with pytest.raises(ArgumentError, match="stream, ddy: given"):
         library.stream(y, q, dy=dy, **options)

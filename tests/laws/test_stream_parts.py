@@ -71,7 +71,9 @@ def test_the_bits_are_those_of_one_call(name: str, hold: str) -> None:
         whole.update(*sample)
         for shares, stream in streams.items():
             assert in_parts(name, stream, sample, list(range(shares, 0, -1))) >= OK
-            assert all(np.array_equal(a, b) for a, b in zip(results(stream), results(whole), strict=True)), (k, shares)
+            assert all(
+                np.array_equal(a, b) for a, b in zip(results(stream), results(whole), strict=True)
+            ), (k, shares)
 
 
 def test_a_stream_may_be_copied_within_an_update() -> None:
@@ -82,7 +84,10 @@ def test_a_stream_may_be_copied_within_an_update() -> None:
     memory, y, dy, ddy, _, _ = one._arguments
     for own, x in zip(one._inputs, sample[-1], strict=True):
         own[...] = x
-    assert entry(PLANAR, "begin")(memory, y, dy, ddy) == OK and entry(PLANAR, "advance")(memory, 3) == OK
+    assert (
+        entry(PLANAR, "begin")(memory, y, dy, ddy) == OK
+        and entry(PLANAR, "advance")(memory, 3) == OK
+    )
     moved = copy.copy(one)
     memory, _, _, _, motion, info = moved._arguments
     assert entry(PLANAR, "finish")(memory, motion, info) == OK

@@ -21,7 +21,9 @@ pytestmark = needs_compiler
 
 def measured(truth: RobotModel, model: RobotModel, seed: int = 0, **changes: object) -> flexgen.Frf:
     """Frequency responses of a robot in the experiment that is planned for a model."""
-    plan = small_plan(model, poses_of(model, 6, spread=0.6), hardware=NOISY, period_s=4.0, periods=4, **changes)
+    plan = small_plan(
+        model, poses_of(model, 6, spread=0.6), hardware=NOISY, period_s=4.0, periods=4, **changes
+    )
     return flexgen.frf(flexgen.measure(plan, truth, seed=seed, progress=False))
 
 
@@ -96,7 +98,16 @@ def test_the_command_line_prints_changes(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "added nothing, removed nothing" in printed and "gain of the criterion" in printed
     assert (
-        main(["identify", "planar5_nmp", str(tmp_path / "frf.npz"), "--structure", "--out", str(tmp_path / "x.toml")])
+        main(
+            [
+                "identify",
+                "planar5_nmp",
+                str(tmp_path / "frf.npz"),
+                "--structure",
+                "--out",
+                str(tmp_path / "x.toml"),
+            ]
+        )
         == 1
     )
     assert "expected without" in capsys.readouterr().err

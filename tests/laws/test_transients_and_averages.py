@@ -28,14 +28,24 @@ LEFT_OUT = "a transient is in the first of 4 periods; it is left out"
 REMAINS = "a transient remains: in the motion of m1; leave out more transient periods"
 
 
-def unsettled(hardware: DriveHardware, periods: int = 4, seed: int = 0) -> tuple[Experiment, np.ndarray]:
+def unsettled(
+    hardware: DriveHardware, periods: int = 4, seed: int = 0
+) -> tuple[Experiment, np.ndarray]:
     """An experiment that begins with its first period, and the responses of the settled robot without noise."""
     model = without_coulomb("planar5_nmp")
     plan = flexgen.excite(
-        model, poses=poses_of(model, 1), speed_rms=0.005, f_max=100.0, hardware=hardware, periods=periods, transients=0
+        model,
+        poses=poses_of(model, 1),
+        speed_rms=0.005,
+        f_max=100.0,
+        hardware=hardware,
+        periods=periods,
+        transients=0,
     )
     quiet = replace(plan, transients=3, hardware=DriveHardware(hardware.sample_s))
-    return flexgen.measure(plan, model, beside=True, seed=seed), flexgen.frf(flexgen.measure(quiet, model)).G
+    return flexgen.measure(plan, model, beside=True, seed=seed), flexgen.frf(
+        flexgen.measure(quiet, model)
+    ).G
 
 
 def test_transients_are_removed() -> None:
@@ -44,7 +54,9 @@ def test_transients_are_removed() -> None:
     experiment = replace(experiment, beside_later=None)  # all periods
     removed = np.abs(flexgen.frf(experiment, transients=True).G - truth)
     with_transients = flexgen.frf(replace(experiment, offsets=None, beside=None))
-    check_numbers("transients", removed=flexgen.frf(experiment, transients=True), kept=with_transients)
+    check_numbers(
+        "transients", removed=flexgen.frf(experiment, transients=True), kept=with_transients
+    )
     assert any("period 1 differs from the others" in line for line in with_transients.warnings)
     assert np.array_equal(flexgen.frf(experiment).G, flexgen.frf(experiment, transients=True).G)
     left = np.abs(with_transients.G - truth)
@@ -56,8 +68,15 @@ def test_transients_are_removed() -> None:
 def test_a_transient_that_decays_in_a_period_is_left_out_and_a_slower_one_is_stated() -> None:
     """Masses come to rest in one or two periods of 2 s, not of 0.5 s."""
     quiet = DriveHardware(5e-4, encoder_noise_rad=1e-5, torque_noise_Nm=0.002)
-    for period, settled, lines in ((2.0, 1, [LEFT_OUT]), (2.0, 2, []), (0.5, 1, [LEFT_OUT, REMAINS]), (0.5, 20, [])):
-        plan = flexgen.excite("four_mass", poses=[[0.0]], period_s=period, lines=40, speed_rms=0.02, hardware=quiet)
+    for period, settled, lines in (
+        (2.0, 1, [LEFT_OUT]),
+        (2.0, 2, []),
+        (0.5, 1, [LEFT_OUT, REMAINS]),
+        (0.5, 20, []),
+    ):
+        plan = flexgen.excite(
+            "four_mass", poses=[[0.0]], period_s=period, lines=40, speed_rms=0.02, hardware=quiet
+        )
         experiment = flexgen.measure(replace(plan, transients=settled), progress=False)
         assert experiment.beside is not None and experiment.beside_later is not None
         for transients in (False, True):
@@ -76,16 +95,22 @@ def test_polynomials_leave_a_part_of_a_narrow_transient_and_the_later_periods_ha
     moving = flexgen.measure(quiet)
     settled = flexgen.frf(flexgen.measure(replace(quiet, transients=30))).G
     later, all_periods = (flexgen.frf(x) for x in (moving, replace(moving, beside_later=None)))
-    left = [np.sqrt((np.abs((x.G - settled) / sd) ** 2).mean(axis=(0, 2, 3)).max()) for x in (later, all_periods)]
+    left = [
+        np.sqrt((np.abs((x.G - settled) / sd) ** 2).mean(axis=(0, 2, 3)).max())
+        for x in (later, all_periods)
+    ]
     assert later.warnings == (LEFT_OUT,) and left[0] < 0.05 and left[1] > 0.2
 
 
 @pytest.mark.slow
 def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     experiment, truth = unsettled(DriveHardware(5e-4))
-    experiment = replace(experiment, beside_later=None)  # in the later periods there is little to remove
+    # in the later periods there is little to remove
+    experiment = replace(experiment, beside_later=None)
     real = spectra.without_transients
-    monkeypatch.setattr(frequency_response, "without_transients", lambda lines, beside, at: real(lines, -beside, at))
+    monkeypatch.setattr(
+        frequency_response, "without_transients", lambda lines, beside, at: real(lines, -beside, at)
+    )
     wrong = np.abs(flexgen.frf(experiment, transients=True).G - truth)
     assert np.median(wrong / np.abs(truth)) > 1e-3
 
@@ -109,7 +134,9 @@ def test_spectra_beside_the_lines_are_those_of_the_whole_record() -> None:
     summed = sum(spectra_beside(x[p], lines, offsets, p, P) for p in range(P))
     whole = 2 / (P * N) * np.fft.fft(x.reshape(P * N, 2), axis=0)
     assert np.allclose(summed, whole[P * lines[None] + offsets[:, None]], rtol=0, atol=1e-14)
-    assert not set((P * lines[None] + offsets[:, None]).ravel().tolist()) & set((P * lines).tolist())
+    assert not set((P * lines[None] + offsets[:, None]).ravel().tolist()) & set(
+        (P * lines).tolist()
+    )
 
 
 def test_a_quadratic_transient_is_removed_exactly() -> None:
@@ -135,8 +162,11 @@ def test_too_few_periods_for_a_polynomial_are_refused() -> None:
 @pytest.mark.slow
 def test_h1_without_noise_is_the_mean() -> None:
     model = without_coulomb("planar5_nmp")
-    plan = flexgen.excite(model, poses=poses_of(model, 2), speed_rms=0.005, f_max=100.0, realizations=2)
-    experiment = replace(flexgen.measure(plan, model), offsets=None, beside=None)  # noise from the periods in both
+    plan = flexgen.excite(
+        model, poses=poses_of(model, 2), speed_rms=0.005, f_max=100.0, realizations=2
+    )
+    # noise from the periods in both
+    experiment = replace(flexgen.measure(plan, model), offsets=None, beside=None)
     mean, h1 = (flexgen.frf(experiment, average=name) for name in ("arithmetic", "h1"))
     assert np.abs(mean.G - h1.G).max() < 1e-6 * np.abs(mean.G).max()
     assert np.median(h1.variance / mean.variance) == pytest.approx(1.0, rel=0.05)
@@ -149,7 +179,9 @@ def test_torque_noise_makes_h1_too_small() -> None:
     U = np.ones(shape) + 0j
     Y = 2.0 * U
     noisy = U + 0.5 * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
-    assert abs(response_estimates.estimate(noisy, Y, "h1").G.item()) == pytest.approx(2 / 1.25, rel=0.15)
+    assert abs(response_estimates.estimate(noisy, Y, "h1").G.item()) == pytest.approx(
+        2 / 1.25, rel=0.15
+    )
     assert abs(response_estimates.estimate(noisy, Y).G.item()) == pytest.approx(2.0, rel=0.15)
 
 
@@ -161,10 +193,17 @@ def recorded_without_period(folder: Path) -> tuple[Path, LocalModel]:
     rng = np.random.default_rng(2)
     U = np.fft.rfft(rng.normal(size=n)) * (w > 2 * np.pi * 0.5) * (w < 2 * np.pi * 150)
     G = np.zeros(len(w), complex)
-    G[1:] = local.response(local.values, np.zeros((1, 1)), w[1:], Drive(), derivatives=False).G[0, :, 0, 0]
+    G[1:] = local.response(local.values, np.zeros((1, 1)), w[1:], Drive(), derivatives=False).G[
+        0, :, 0, 0
+    ]
     G[1:] /= -(w[1:] ** 2)
     noise = 1e-7 * rng.normal(size=n)
-    np.savez(folder / "run.npz", t=T * np.arange(n), u=np.fft.irfft(U, n), q=np.fft.irfft(G * U, n) + noise)
+    np.savez(
+        folder / "run.npz",
+        t=T * np.arange(n),
+        u=np.fft.irfft(U, n),
+        q=np.fft.irfft(G * U, n) + noise,
+    )
     text = f"""
 model = {json.dumps(str(ROOT / "models" / "four_mass.toml"))}
 segment_s = 8.192
@@ -208,7 +247,13 @@ def test_a_motion_without_period_is_estimated_with_a_warning(tmp_path: Path) -> 
 def test_recordings_keep_the_spectra_beside_the_lines(tmp_path: Path) -> None:
     model = without_coulomb("planar5_nmp")
     plan = flexgen.excite(
-        model, poses=poses_of(model, 1), speed_rms=0.005, f_max=100.0, hardware=NOISY, periods=4, transients=0
+        model,
+        poses=poses_of(model, 1),
+        speed_rms=0.005,
+        f_max=100.0,
+        hardware=NOISY,
+        periods=4,
+        transients=0,
     )
     writer = RecordingWriter(tmp_path / "raw", plan, model)
     experiment = flexgen.measure(plan, model, beside=True, raw=writer)

@@ -16,7 +16,8 @@ from flexgen.model.reader import read
 
 SMOOTH = 9  # continuous derivatives of a path on which an order can be seen
 NEAR = 0.35  # by how much an observed order may miss the declared one
-STEPS = {1: (100, 200, 400), 2: (100, 200, 400), 3: (80, 160, 320), 4: (60, 120)}  # before rounding sets in
+# before rounding sets in
+STEPS = {1: (100, 200, 400), 2: (100, 200, 400), 3: (80, 160, 320), 4: (60, 120)}
 TOLD = 2e-6  # m and rad: what order 3 reaches at a millisecond
 EXACT = 1e-3  # relative: torques of order 3 against the exact methods
 
@@ -39,7 +40,9 @@ def test_the_torque_has_the_declared_order(order: int) -> None:
 def test_a_wrong_coefficient_is_seen() -> None:
     """Planted bug: a formula that still is a derivative, but of order 1."""
     wrong = {2: (1.4, -1.8, 0.4)}
-    assert sum(wrong[2]) == pytest.approx(0.0) and np.dot(wrong[2], [0, -1, -2]) == pytest.approx(1.0)
+    assert sum(wrong[2]) == pytest.approx(0.0) and np.dot(wrong[2], [0, -1, -2]) == pytest.approx(
+        1.0
+    )
     assert observed_order(errors(2, STEPS[2], coefficients=wrong)) < 2 - 2 * NEAR
 
 
@@ -68,7 +71,9 @@ def test_order_one_lags_and_extrapolation_removes_the_lag() -> None:
     assert both[-1] < relative(plain + exact(t), exact(t)) / 50  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("name", ["planar5_mp", "planar5_mp@undamped", "four_mass@high", "elbow", "elbow@rigid"])
+@pytest.mark.parametrize(
+    "name", ["planar5_mp", "planar5_mp@undamped", "four_mass@high", "elbow", "elbow@rigid"]
+)
 def test_the_answer_agrees_and_is_verified(name: str) -> None:
     solution = flexgen.solve(name, method="bdf")
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 0.0) < TOLD
@@ -80,7 +85,9 @@ def test_the_answer_agrees_and_is_verified(name: str) -> None:
 def test_richardson_on_request() -> None:
     """Order 1 is off by millimetres, its extrapolation by micrometres."""
     plain = flexgen.solve("planar5_mp", method="bdf", mesh=5e-3, options={"order": 1})
-    better = flexgen.solve("planar5_mp", method="bdf", mesh=5e-3, options={"order": 1, "richardson": True})
+    better = flexgen.solve(
+        "planar5_mp", method="bdf", mesh=5e-3, options={"order": 1, "richardson": True}
+    )
     assert plain.status == Status.TOLERANCE_NOT_MET and (plain.tool_error_max_m or 0) > 1e-3
     assert better.status == Status.SOLVED and (better.tool_error_max_m or 1) < 5e-6
     assert better.details == {"order": 1, "richardson": True, "step_s": pytest.approx(1e-3)}
@@ -105,7 +112,10 @@ def test_a_path_through_a_singular_pose_is_an_error() -> None:
 
 def test_an_unstable_zero_is_refused_with_the_reason() -> None:
     for method in ("bdf", "reduced", "kunkel-mehrmann"):
-        with pytest.raises(ArgumentError, match=rf"{method}.*zero at \+891\.\d 1/s at t = 0 s.*use lq, bvp or colloc"):
+        with pytest.raises(
+            ArgumentError,
+            match=rf"{method}.*zero at \+891\.\d 1/s at t = 0 s.*use lq, bvp or colloc",
+        ):
             flexgen.solve("planar5_nmp", method=method)
 
 
@@ -117,7 +127,10 @@ def test_a_spring_with_a_kink_is_not_differentiated() -> None:
     solution = flexgen.solve("four_mass@piecewise", method="bdf")
     assert solution.status == Status.LIMITS_EXCEEDED
     assert (solution.tool_error_max_m or 1) < TOLD
-    assert flexgen.solve("four_mass@piecewise", method="bdf", ignore_limits=True).status == Status.SOLVED
+    assert (
+        flexgen.solve("four_mass@piecewise", method="bdf", ignore_limits=True).status
+        == Status.SOLVED
+    )
 
 
 def test_without_damping_inside_the_stable_order_is_taken() -> None:

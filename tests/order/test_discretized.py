@@ -21,15 +21,21 @@ from flexgen.simulation.simulate import simulate
 
 MICRON = 1e-6  # what a user is promised
 RIGHT = 2e-8  # what the method reaches on smooth models with its own grid
-AGREE = 1e-5  # of the largest torque: both methods' own error at their own meshes, a hundred times what the tool feels
-BENT = 3e-2  # the same for a spring with bends: ripples of the torque that the tool does not feel are not the same
+# of the largest torque: both methods' own error at their own meshes, a hundred times what the tool
+# feels
+AGREE = 1e-5
+# the same for a spring with bends: ripples of the torque that the tool does not feel are not the
+# same
+BENT = 3e-2
 
 
 def _question(equations: Equations) -> InversionProblem:
     return InversionProblem(equations, Path(equations, equations.model.move(None)))
 
 
-@pytest.mark.parametrize("name", ["planar5_mp", "planar5_nmp", "planar5_soft", "beam_arm", "planar5_nmp@undamped"])
+@pytest.mark.parametrize(
+    "name", ["planar5_mp", "planar5_nmp", "planar5_soft", "beam_arm", "planar5_nmp@undamped"]
+)
 def test_the_tool_follows_its_path(name: str) -> None:
     solution = flexgen.solve(name, method="discretized")
     assert solution.status == Status.SOLVED and solution.simulation is not None
@@ -68,11 +74,14 @@ def test_poses_and_rigid_gears_and_complete_coupling() -> None:
 )
 def test_collocation_agrees(name: str, tolerance: float) -> None:
     equations = flexgen.derive(name)
-    bent = tolerance == BENT  # where the residual between the samples says little, the simulation has to
+    # where the residual between the samples says little, the simulation has to
+    bent = tolerance == BENT
     one = flexgen.solve(equations, method="discretized", mesh=1e-3, verify=bent).trajectory
     other = flexgen.solve(equations, method="collocation", verify=bent).trajectory
     t = np.linspace(-0.01, equations.model.move(None).duration, 201)
-    if bent:  # in the middle of the move the spring passes from one bend to the other within some ten milliseconds
+    # in the middle of the move the spring passes from one bend to the other within some ten
+    # milliseconds
+    if bent:
         t = t[np.abs(t - 0.25) > 0.03]
     torques = [make_interp_spline(x.time, x["tau_m"], k=5)(t) for x in (one, other)]
     assert np.abs(torques[0] - torques[1]).max() < tolerance * np.abs(torques[0]).max()
@@ -81,8 +90,12 @@ def test_collocation_agrees(name: str, tolerance: float) -> None:
     assert np.abs(deflections[0] - deflections[1]).max() < 2 * MICRON
 
 
-@pytest.mark.parametrize(("order", "steps"), [(2, (5e-3, 2.5e-3)), (4, (5e-3, 2.5e-3)), (6, (10e-3, 5e-3))])
-def test_the_error_falls_with_the_order_of_the_differences(order: int, steps: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("order", "steps"), [(2, (5e-3, 2.5e-3)), (4, (5e-3, 2.5e-3)), (6, (10e-3, 5e-3))]
+)
+def test_the_error_falls_with_the_order_of_the_differences(
+    order: int, steps: tuple[float, float]
+) -> None:
     smooth = read("planar5_mp", overrides={"move.line.smoothness": 9})
     problem = _question(flexgen.derive(smooth))
     t = np.linspace(0.05, 0.45, 9)
@@ -100,7 +113,9 @@ def test_the_error_falls_with_the_order_of_the_differences(order: int, steps: tu
 
 def test_the_torque_begins_before_the_path() -> None:
     """A softer third joint: the unstable zero is slower, and without time before the path the tool is thrown off."""
-    equations = flexgen.derive(read("planar5_nmp", overrides={"element.arm3.dof.q3.spring.stiffness": 1.5e4}))
+    equations = flexgen.derive(
+        read("planar5_nmp", overrides={"element.arm3.dof.q3.spring.stiffness": 1.5e4})
+    )
     early = flexgen.solve(equations, method="discretized", mesh=1e-3)
     late = flexgen.solve(equations, method="discretized", preview=0.0, mesh=1e-3)
     print(early.tool_error_max_m, late.tool_error_max_m, early.preactuation_s)
@@ -112,8 +127,12 @@ def test_a_torque_one_step_late_is_seen() -> None:
     """Planted bug: the lag of one step that a one-sided difference would have."""
     equations = flexgen.derive("planar5_nmp")
     trajectory = flexgen.solve(equations, method="discretized", verify=False).trajectory
-    late = dict(trajectory.channels, tau_m=np.vstack([trajectory["tau_m"][:1], trajectory["tau_m"][:-1]]))
-    assert (simulate(equations, dataclasses.replace(trajectory, channels=late)).tool_error_max_m or 0) > 100 * MICRON
+    late = dict(
+        trajectory.channels, tau_m=np.vstack([trajectory["tau_m"][:1], trajectory["tau_m"][:-1]])
+    )
+    assert (
+        simulate(equations, dataclasses.replace(trajectory, channels=late)).tool_error_max_m or 0
+    ) > 100 * MICRON
 
 
 def test_a_wrong_difference_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,7 +143,9 @@ def test_a_wrong_difference_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert wrong.status == Status.TOLERANCE_NOT_MET and (wrong.tool_error_max_m or 0) > 10 * MICRON
 
 
-def test_without_the_weight_of_the_start_the_tolerance_is_not_met(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_weight_of_the_start_the_tolerance_is_not_met(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Planted bug: a start that is as good as any other, so that motions of the machine itself are let in."""
     monkeypatch.setattr(discretized, "START", 0.0)
     wrong = flexgen.solve("four_mass", method="discretized", mesh=2e-3)

@@ -33,7 +33,9 @@ MODELS = {
 }
 
 
-def order(model: str | RobotModel, method: str, meshes: tuple[float, ...] = (2e-2, 1e-2, 5e-3)) -> float:
+def order(
+    model: str | RobotModel, method: str, meshes: tuple[float, ...] = (2e-2, 1e-2, 5e-3)
+) -> float:
     """Mean order of q_e over meshes [s], at the nodes that all of them have."""
     asked = [question(model, mesh=h, preview=0.2) for h in meshes]
     answers = [METHODS[method](ask, h) for ask, h in zip(asked, meshes, strict=True)]
@@ -43,7 +45,9 @@ def order(model: str | RobotModel, method: str, meshes: tuple[float, ...] = (2e-
     for found in answers:
         number = found.t / meshes[0]
         node = np.abs(number - np.round(number)) < 1e-6
-        motions.append(dict(zip(np.round(number[node]).astype(int), found.q[node][:, i_e], strict=True)))
+        motions.append(
+            dict(zip(np.round(number[node]).astype(int), found.q[node][:, i_e], strict=True))
+        )
     common = sorted(set.intersection(*map(set, motions)))
     assert len(common) >= 20
     *coarse, exact = (np.array([motion[k] for k in common]) for motion in motions)
@@ -76,7 +80,9 @@ def equidistant(text: str) -> str:
 
     for name, values in (("c", c), ("b", b), ("A", A)):
         text, count = re.subn(
-            rf"(gauss_{name}\b[^=;]*= )\{{[^;]*;", lambda found, x=values: f"{found[1]}{listed(x)};", text
+            rf"(gauss_{name}\b[^=;]*= )\{{[^;]*;",
+            lambda found, x=values: f"{found[1]}{listed(x)};",
+            text,
         )
         assert count == 1
     return text
@@ -86,7 +92,9 @@ def test_points_of_a_lower_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> No
     """The planted bug: points that converge to the same motion, but more slowly."""
     texts = clib_files.read_clib()
     right = texts["inversion_common.h"]
-    monkeypatch.setattr(clib_files, "read_clib", lambda: {**texts, "inversion_common.h": equidistant(right)})
+    monkeypatch.setattr(
+        clib_files, "read_clib", lambda: {**texts, "inversion_common.h": equidistant(right)}
+    )
     monkeypatch.setenv("FLEXGEN_CACHE", "")
     model_library._holder.cache_clear()
     try:

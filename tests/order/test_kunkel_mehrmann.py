@@ -21,7 +21,9 @@ from flexgen.lab.strangeness_free import StrangenessFree
 from flexgen.numerics.tableaus import Tableau, radau
 
 ORDER = 2 * 3 - 1  # of Radau IIA with three stages
-NEAR = 0.7  # by how much an observed order may miss it: the zeros are fast, and the steps are not yet small for them
+# by how much an observed order may miss it: the zeros are fast, and the steps are not yet small for
+# them
+NEAR = 0.7
 TOLD = 1e-8  # m and rad: what is reached with steps of a millisecond
 EXACT = 1e-5  # relative: torques against the exact methods
 ZERO = 1e-11  # products that vanish, in units of the scales
@@ -77,7 +79,10 @@ def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
 
     nodes = WINDOW * np.cos(np.pi * (np.arange(25) + 0.5) / 25)
     values = np.array(
-        [dae.rows(at(motions, t, 0), at(motions, t, 1), at(targets, t, 0))[0].full()[:, 0] for t in nodes]
+        [
+            dae.rows(at(motions, t, 0), at(motions, t, 1), at(targets, t, 0))[0].full()[:, 0]
+            for t in nodes
+        ]
     )
     X = np.stack([at(motions, 0.0, k) for k in range(mu + 2)], axis=1)
     U = np.stack([at(targets, 0.0, k) for k in range(mu + 1)], axis=1)
@@ -92,7 +97,9 @@ def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
             assert abs(F[k * dae.n_x + i, 0] - expected) < ALIKE * size, (i, k)
     if name == "planar5_mp":
         x, u = ca.SX.sym("X", *X.shape), ca.SX.sym("U", *U.shape)
-        slopes = ca.Function("slopes", [x, u], [ca.jacobian(array.function(x, u)[0], ca.vec(x))])(X, U).full()
+        slopes = ca.Function("slopes", [x, u], [ca.jacobian(array.function(x, u)[0], ca.vec(x))])(
+            X, U
+        ).full()
         assert np.allclose(np.hstack([N, M]), slopes, rtol=1e-12, atol=1e-9 * np.abs(slopes).max())
 
 
@@ -108,7 +115,9 @@ def test_the_split_selects_the_stated_equations() -> None:
     assert np.abs(found.rows(X, U)).max() < ZERO
     split = found.split(X, U)
     _, M = found._jacobians(X, U)
-    assert np.abs(split.Z2.T @ M).max() < ZERO and np.abs(split.Z2.T @ split.N @ split.T2).max() < ZERO
+    assert (
+        np.abs(split.Z2.T @ M).max() < ZERO and np.abs(split.Z2.T @ split.N @ split.T2).max() < ZERO
+    )
     for basis in (split.Z1, split.Z2, split.T2):
         assert np.allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
     assert np.linalg.cond(split.Z1.T @ split.E @ split.T2) < 1e6
@@ -147,7 +156,11 @@ def coordinate_errors(name: str, table: Tableau | None = None) -> list[float]:
     out = []
     for n in COUNTS[name]:
         t = np.linspace(0.0, T, n + 1)
-        found = integrate(system(name), here.path, t, here.x_eq, table).x if table else marched(name, n, T).x
+        found = (
+            integrate(system(name), here.path, t, here.x_eq, table).x
+            if table
+            else marched(name, n, T).x
+        )
         out.append(float(np.abs(found[:, i_e] - exact[:: finest // n]).max()))
     return out
 
@@ -163,13 +176,17 @@ def test_a_wrong_coefficient_is_seen() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["planar5_mp", "planar5_mp@undamped", "four_mass@high", "abb_arm", "elbow", "elbow@rigid"]
+    "name",
+    ["planar5_mp", "planar5_mp@undamped", "four_mass@high", "abb_arm", "elbow", "elbow@rigid"],
 )
 def test_the_answer_agrees_and_is_verified(name: str) -> None:
     solution = flexgen.solve(name, method="kunkel-mehrmann")
-    scale = 10 * 10 if name == "abb_arm" else 1  # it turns by 10 rad, and is light: rounding is what is seen
+    # it turns by 10 rad, and is light: rounding is what is seen
+    scale = 10 * 10 if name == "abb_arm" else 1
     assert solution.status == Status.SOLVED
-    assert (solution.tool_error_max_m or 0.0) < TOLD and (solution.tool_error_max_rad or 0.0) < scale * TOLD
+    assert (solution.tool_error_max_m or 0.0) < TOLD and (
+        solution.tool_error_max_rad or 0.0
+    ) < scale * TOLD
     t = solution.trajectory.time
     on_path = (t >= 0) & (t <= problem(name).path.duration)
     expected = reference(name)(t[on_path])  # type: ignore[operator]

@@ -89,7 +89,9 @@ def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
     A, B = linearize(equations, rest).state_space()
     A = A * np.where(np.arange(len(A)) == len(A) - 1, planted, 1.0)[:, None]
     zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
-    exact = evaluate(equations.function("linearize"), rest.q_a, zero_a, rest.q_m, zero_m, rest.tau_m)
+    exact = evaluate(
+        equations.function("linearize"), rest.q_a, zero_a, rest.q_m, zero_m, rest.tau_m
+    )
     x = np.concatenate([rest.q_a, rest.q_m[list(model.i_m)], np.zeros(model.dof)])
     rate = equations.function("state_rate")
     step = 1e-6
@@ -97,7 +99,10 @@ def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
     differenced = (ends[0] - ends[1]).T / (2 * step)
     size = np.abs(exact[0][0]).max(axis=1, keepdims=True)
     B_size = np.abs(exact[1][0]).max() + 1e-300
-    closed = max(np.abs((A - exact[0][0]) / size).max(), np.abs(B - exact[1][0].reshape(B.shape)).max() / B_size)
+    closed = max(
+        np.abs((A - exact[0][0]) / size).max(),
+        np.abs(B - exact[1][0].reshape(B.shape)).max() / B_size,
+    )
     # differences over 1e-6 rad see the curvature of a spring that stiffens within 3e-4 rad: 1e-4 must do
     return float(max(closed, 1e-7 * np.abs((differenced - exact[0][0]) / size).max()))
 
@@ -106,7 +111,8 @@ def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
 def test_three_routes_to_the_linearization(name: str) -> None:
     equations = flexgen.derive(name)
     assert state_space_difference(equations) < 1e-11
-    assert state_space_difference(equations, planted=1.0 + 1e-6) > 1e-11  # planted bug in the last row
+    # planted bug in the last row
+    assert state_space_difference(equations, planted=1.0 + 1e-6) > 1e-11
 
 
 @pytest.mark.parametrize("name", model_names())
@@ -121,9 +127,11 @@ def test_two_routes_to_the_zeros(name: str) -> None:
     rate = np.sqrt(np.linalg.norm(np.linalg.solve(linear.M, linear.K)))
     by_reduction = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), rate)
     assert by_reduction is not None
-    assert len(by_structure) == len(by_reduction)  # zeros at infinity, of flat directions, are in neither
+    # zeros at infinity, of flat directions, are in neither
+    assert len(by_structure) == len(by_reduction)
     for zero in by_structure:
-        assert closest(by_reduction, zero) < 1e-5, name  # the eigenvalues of a badly scaled pencil of 40 states
+        # the eigenvalues of a badly scaled pencil of 40 states
+        assert closest(by_reduction, zero) < 1e-5, name
 
 
 def test_planted_bug_in_the_pencil_is_caught() -> None:
@@ -160,7 +168,9 @@ def test_no_verdict_without_as_many_outputs_as_motors() -> None:
 
 
 def test_an_undamped_flexible_joint_robot_is_flat() -> None:
-    changes = {f"element.{e}.dof.{q}.gear.damping": 0.0 for e, q in (("upper", "q1"), ("fore", "q2"))}
+    changes = {
+        f"element.{e}.dof.{q}.gear.damping": 0.0 for e, q in (("upper", "q1"), ("fore", "q2"))
+    }
     analysis = flexgen.analyze(read("elbow", overrides=changes))
     assert (analysis.zeros.phase, analysis.structural_index) == ("flat", 5)
 
@@ -177,7 +187,9 @@ def test_equilibrium_balances_gravity() -> None:
         + 40 * (lever1 + 0.17 * np.cos(-0.8))
         + 25 * (lever1 + lever2 + 0.225 * np.cos(-0.8 + q3))
     )
-    assert np.allclose(analysis.equilibrium.tau_m * 100, np.array([moment1, moment2]) * 9.81, rtol=1e-12)
+    assert np.allclose(
+        analysis.equilibrium.tau_m * 100, np.array([moment1, moment2]) * 9.81, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("pose", [(0.1,), (0.1, 0.2, 0.3, 0.4), (0.1, float("nan"), 0.0)])

@@ -29,7 +29,8 @@ def bench(tmp_path_factory):
     if not BENCH.exists():
         pytest.skip(f"no recording {BENCH.name}: a data set of the Hori-Fujimoto laboratory")
     folder = tmp_path_factory.mktemp("bench")
-    for file in (ROOT / "examples" / "motor_bench").glob("*.*"):  # but not the compiled files of Python
+    # but not the compiled files of Python
+    for file in (ROOT / "examples" / "motor_bench").glob("*.*"):
         shutil.copy(file, folder)
     shutil.copy(BENCH, folder)
     return folder
@@ -39,7 +40,9 @@ def bench(tmp_path_factory):
 def test_the_motor_bench_has_its_known_parameters(bench, residual):
     """A fit by other software: J_m 4.83e-3, J_l 4.71e-3, k 548, delay 0.106 ms; both within 2 %."""
     data = flexgen.frf(read_experiment(bench / "recordings.toml"))
-    found = flexgen.identify(bench / "bench.toml", data, free=FREE, residual=residual, progress=False)
+    found = flexgen.identify(
+        bench / "bench.toml", data, free=FREE, residual=residual, progress=False
+    )
     assert found.values["m1.inertia"] == pytest.approx(4.83e-3, rel=0.02)
     assert found.values["load.inertia_zz"] == pytest.approx(4.71e-3, rel=0.02)
     assert found.values["q1.stiffness"] == pytest.approx(548.0, rel=0.02)
@@ -56,7 +59,9 @@ def test_the_first_period_of_the_bench_is_a_transient(bench, tmp_path):
         shutil.copy(file, tmp_path)
     text = (tmp_path / "recordings.toml").read_text().replace("transients = 1", "transients = 0")
     (tmp_path / "recordings.toml").write_text(text)
-    settled, all_periods = (flexgen.frf(read_experiment(x / "recordings.toml")) for x in (bench, tmp_path))
+    settled, all_periods = (
+        flexgen.frf(read_experiment(x / "recordings.toml")) for x in (bench, tmp_path)
+    )
     assert "a transient is in the first of" in all_periods.warnings[-1]
     assert (all_periods.G == settled.G).all() and all_periods.periods == settled.periods
 
@@ -68,7 +73,10 @@ def test_a_wrong_hold_is_a_wrong_delay(bench, tmp_path):
     text = (tmp_path / "recordings.toml").read_text().replace('hold = "none"', 'hold = "zoh"')
     (tmp_path / "recordings.toml").write_text(text)
     found = flexgen.identify(
-        tmp_path / "bench.toml", flexgen.frf(read_experiment(tmp_path / "recordings.toml")), free=FREE, progress=False
+        tmp_path / "bench.toml",
+        flexgen.frf(read_experiment(tmp_path / "recordings.toml")),
+        free=FREE,
+        progress=False,
     )
     assert found.values["delay"] == pytest.approx(0.11e-3 - 0.2e-3, abs=0.03e-3)
 
@@ -90,9 +98,16 @@ def test_four_routes_to_the_damping_of_the_bench_state_no_interval(bench):
     fits = []
     for average, residual in (("arithmetic", "nls"), ("arithmetic", "lls"), ("h1", "nls")):
         data = flexgen.frf(experiment, average=average)
-        fits.append(flexgen.identify(bench / "bench.toml", data, free=FREE, residual=residual, progress=False))
-        assert fits[-1].model_error > 5 * data.relative_sd()  # the reason: responses that noise does not explain
-    fits.append(fit_motion(None, bench / "recordings.toml", free=FREE, segment_s=0.05, progress=False))
+        fits.append(
+            flexgen.identify(
+                bench / "bench.toml", data, free=FREE, residual=residual, progress=False
+            )
+        )
+        # the reason: responses that noise does not explain
+        assert fits[-1].model_error > 5 * data.relative_sd()
+    fits.append(
+        fit_motion(None, bench / "recordings.toml", free=FREE, segment_s=0.05, progress=False)
+    )
     assert fits[-1].white[0] < 0.85  # the reason: residuals that are not noise
     for found in fits:
         k = found.vector.names.index("q1.damping")
@@ -113,7 +128,11 @@ def test_four_routes_to_the_damping_of_the_bench_state_no_interval(bench):
     ],
 )
 def test_examples_of_recordings(script, words, expected, tmp_path, capsys):
-    sources = {"motor_bench": [BENCH], "kr300": sorted(DATA.glob("kr300/*.npz")), "steering_mirror.py": [MIRROR]}
+    sources = {
+        "motor_bench": [BENCH],
+        "kr300": sorted(DATA.glob("kr300/*.npz")),
+        "steering_mirror.py": [MIRROR],
+    }
     files = sources[script.partition("/")[0]]
     if not files or not files[0].exists():
         pytest.skip(f"no recordings for {script}")
@@ -121,7 +140,9 @@ def test_examples_of_recordings(script, words, expected, tmp_path, capsys):
         shutil.copy(file, tmp_path)
     arguments = [str(tmp_path)]
     if words:
-        arguments = [str(MIRROR.with_name(f"{name}_300mV_train.npy")) for name in "uy"] + [str(tmp_path / "out.svg")]
+        arguments = [str(MIRROR.with_name(f"{name}_300mV_train.npy")) for name in "uy"] + [
+            str(tmp_path / "out.svg")
+        ]
     spec = importlib.util.spec_from_file_location("example", ROOT / "examples" / script)
     module = importlib.util.module_from_spec(spec)
     sys.modules["example"] = module
@@ -138,15 +159,20 @@ def test_responses_of_a_steering_mirror():
         pytest.skip(f"no recording {MIRROR.name}: M. Floren et al., fine steering mirror")
     u, y = (np.load(MIRROR.with_name(f"{name}_300mV_train.npy")) for name in "uy")
     samples = len(u)
-    U, Y = (2 / samples * np.fft.rfft(x, axis=0) for x in (u, y))  # (lines, channels, records, periods)
+    # (lines, channels, records, periods)
+    U, Y = (2 / samples * np.fft.rfft(x, axis=0) for x in (u, y))
     size = np.abs(U).max(axis=(1, 2, 3))
     lines = np.flatnonzero(size > 0.1 * size.max())
-    blocks = [x[lines].reshape(len(lines), 3, 2, 3, 2).transpose(2, 4, 0, 1, 3)[None] for x in (U, Y)]
+    blocks = [
+        x[lines].reshape(len(lines), 3, 2, 3, 2).transpose(2, 4, 0, 1, 3)[None] for x in (U, Y)
+    ]
     found = estimate(*blocks)
     plain = np.zeros((2, len(lines), 3, 3), complex)
     for block in range(2):
         for k, line in enumerate(lines):
-            inputs, outputs = (x[line, :, 3 * block : 3 * block + 3, :].mean(axis=-1) for x in (U, Y))
+            inputs, outputs = (
+                x[line, :, 3 * block : 3 * block + 3, :].mean(axis=-1) for x in (U, Y)
+            )
             plain[block, k] = outputs @ np.linalg.inv(inputs)
     assert np.allclose(found.G[0], plain.mean(axis=0), rtol=1e-10, atol=1e-12 * np.abs(plain).max())
     assert found.total is not None

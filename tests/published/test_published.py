@@ -9,7 +9,18 @@ import pytest
 from referee import Answers
 
 from flexgen.mechanics.equations import derive
-from flexgen.model.elements import Beam, Bending, Body, Dof, Element, Gear, Motor, Output, Placement, RobotModel
+from flexgen.model.elements import (
+    Beam,
+    Bending,
+    Body,
+    Dof,
+    Element,
+    Gear,
+    Motor,
+    Output,
+    Placement,
+    RobotModel,
+)
 from flexgen.model.reader import read
 
 CLOSED_FORM = 1e-12  # the same formula by another route: rounding
@@ -47,7 +58,12 @@ class Elbow:
     def M(self, q):
         q2 = q[1]
         coupling = self.l1 * self.xi2 * np.sin(q2)
-        M11 = self.j1 + self.m1 * self.xi1**2 + self.j2 + self.m2 * (self.l1**2 + self.xi2**2 - 2 * coupling)
+        M11 = (
+            self.j1
+            + self.m1 * self.xi1**2
+            + self.j2
+            + self.m2 * (self.l1**2 + self.xi2**2 - 2 * coupling)
+        )
         M12 = self.j2 + self.m2 * (self.xi2**2 - coupling)
         return np.array([[M11, M12], [M12, self.j2 + self.m2 * self.xi2**2]])
 
@@ -58,10 +74,16 @@ class Elbow:
     def g(self, q):
         q1, q2 = q
         fore = self.m2 * self.xi2 * np.cos(q1 + q2)
-        return -GRAVITY * np.array([self.m1 * self.xi1 * np.sin(q1) + self.m2 * self.l1 * np.sin(q1) + fore, fore])
+        return -GRAVITY * np.array(
+            [self.m1 * self.xi1 * np.sin(q1) + self.m2 * self.l1 * np.sin(q1) + fore, fore]
+        )
 
 
-ELBOWS = {"elbow": Elbow(), "elbow@payload": Elbow(m2=340.25, xi2=0.851, j2=112.7), "elbow@rigid": Elbow()}
+ELBOWS = {
+    "elbow": Elbow(),
+    "elbow@payload": Elbow(m2=340.25, xi2=0.851, j2=112.7),
+    "elbow@rigid": Elbow(),
+}
 ROTORS = np.array([843.9, 751.3])  # kg m^2, on the arm side
 
 
@@ -81,7 +103,10 @@ def test_elbow_is_its_closed_form(name):
         assert_close(a.gravity(q), elbow.g(q), CLOSED_FORM)
         assert_close(a.bias(q, v), elbow.c(q, v) + elbow.g(q), CLOSED_FORM)
         # c as a difference: the rounding is that of h
-        assert np.abs(a.bias(q, v) - a.gravity(q) - elbow.c(q, v)).max() <= CLOSED_FORM * np.abs(a.bias(q, v)).max()
+        assert (
+            np.abs(a.bias(q, v) - a.gravity(q) - elbow.c(q, v)).max()
+            <= CLOSED_FORM * np.abs(a.bias(q, v)).max()
+        )
         tau = elbow.M(q) @ acc + elbow.c(q, v) + elbow.g(q)
         assert_close(a.inverse_dynamics(q, v, acc), tau, CLOSED_FORM)
 
@@ -95,7 +120,9 @@ def test_elbow_with_another_sign_of_its_coriolis_term_is_not():
 
 def test_rotors_of_the_elbow():
     model = read("elbow")
-    assert_close(np.diag(model.eta.T @ np.diag([m.inertia for m in model.motors]) @ model.eta), ROTORS, 1e-4)
+    assert_close(
+        np.diag(model.eta.T @ np.diag([m.inertia for m in model.motors]) @ model.eta), ROTORS, 1e-4
+    )
 
 
 def test_elbow_with_rigid_gears_accelerates_its_rotors():
@@ -107,13 +134,16 @@ def test_elbow_with_rigid_gears_accelerates_its_rotors():
         tau = (elbow.M(q) + rotors) @ acc + elbow.c(q, v) + elbow.g(q)
         tau_m = np.linalg.solve(model.eta.T, tau)
         a_a, a_m = a.forward_dynamics(q, v, model.eta @ q, model.eta @ v, tau_m)
-        assert np.abs(a_a - acc).max() <= CLOSED_FORM * np.abs(np.linalg.solve(elbow.M(q), tau)).max()
+        assert (
+            np.abs(a_a - acc).max() <= CLOSED_FORM * np.abs(np.linalg.solve(elbow.M(q), tau)).max()
+        )
         assert_close(a_m, model.eta @ a_a, CLOSED_FORM)
 
 
 # --- beams -----------------------------------------------------------------------------------------------------------
 
-ROOTS = (1.8751041, 4.6940911, 7.8547574, 10.9955407, 14.1371684)  # of cos z cosh z = -1; R. D. Blevins, 1979, tab. 8-1
+# of cos z cosh z = -1; R. D. Blevins, 1979, tab. 8-1
+ROOTS = (1.8751041, 4.6940911, 7.8547574, 10.9955407, 14.1371684)
 LENGTH, MASS, STIFFNESS = 0.7, 1.3, 210.0
 
 

@@ -18,10 +18,13 @@ RECORDING = DATA / "kr300" / "kr300_run_A.npz"
 
 
 @pytest.mark.skipif(
-    not RECORDING.exists(), reason="recording kr300_run_A.npz not found; set FLEXGEN_DATA to its folder"
+    not RECORDING.exists(),
+    reason="recording kr300_run_A.npz not found; set FLEXGEN_DATA to its folder",
 )
 def test_kr300_torques_along_a_recorded_motion(tmp_path: Path) -> None:
-    spec = importlib.util.spec_from_file_location("kr300_recording", ROOT / "examples" / "kr300_recording.py")
+    spec = importlib.util.spec_from_file_location(
+        "kr300_recording", ROOT / "examples" / "kr300_recording.py"
+    )
     assert spec is not None and spec.loader is not None
     example = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = example

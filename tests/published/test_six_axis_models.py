@@ -57,7 +57,9 @@ def follow(equations: Equations, path: ToolPath, poses: int) -> np.ndarray:
             error = np.concatenate([p_d - p[0], [skew[2, 1], skew[0, 2], skew[1, 0]]])
             if np.abs(error).max() < 1e-10:
                 break
-            q[i_g] += np.linalg.solve(evaluate(equations.function("jacobian"), q)[0][0][:, i_g], error)
+            q[i_g] += np.linalg.solve(
+                evaluate(equations.function("jacobian"), q)[0][0][:, i_g], error
+            )
         assert np.abs(error).max() < 1e-10
         found.append(q[i_g].copy())
     return np.array(found)
@@ -120,7 +122,8 @@ def test_zeros_along_the_moves(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("manutec_r3_24", {"element.body5.dof.t5y.axis": [0, 0, 1]}),  # a tilt of joint 5: body 5 has nowhere to go
+        # a tilt of joint 5: body 5 has nowhere to go
+        ("manutec_r3_24", {"element.body5.dof.t5y.axis": [0, 0, 1]}),
         ("manutec_r3_18", {"element.body5.dof.t5y.type": "translation"}),
         ("kr300_efjm", {"element.link5.dof.t5y.type": "translation"}),
     ],
@@ -131,7 +134,9 @@ def test_another_direction_behind_joint_5_is_flat(name: str, change: dict[str, o
     rest, linear = at_rest(equations, np.array(equations.model.home))
     A, _, _ = inner_pencil(equations, linear)
     ranks = np.linalg.svd(A, compute_uv=False)
-    plain = inner_pencil(equations_of(name), at_rest(equations_of(name), np.array(equations.model.home))[1])[0]
+    plain = inner_pencil(
+        equations_of(name), at_rest(equations_of(name), np.array(equations.model.home))[1]
+    )[0]
     usual = np.linalg.svd(plain, compute_uv=False)
     assert ranks[-1] < 1e-12 * ranks[0] and usual[-1] > 1e-6 * usual[0]
     assert len(inner_zeros(equations, linear, rest)) < ZEROS[name][1] + equations.model.n_g

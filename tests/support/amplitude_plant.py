@@ -34,13 +34,17 @@ class Law:
     ``gear(j, d, dd, z)``: torque and derivative of the state z of gear j; ``motor(j, w)``: friction of motor j.
     """
 
-    gear: Callable[[int, ca.SX, ca.SX, ca.SX], tuple[ca.SX, ca.SX]] = field(default=lambda j, d, dd, z: (0 * d, 0 * z))
+    gear: Callable[[int, ca.SX, ca.SX, ca.SX], tuple[ca.SX, ca.SX]] = field(
+        default=lambda j, d, dd, z: (0 * d, 0 * z)
+    )
     motor: Callable[[int, ca.SX], ca.SX] = field(default=lambda j, w: 0 * w)
 
 
 def backlash(stiffness: np.ndarray, gap: np.ndarray) -> Law:
     """A dead band of half width ``gap``: what the gear of this stiffness lacks inside of it."""
-    return Law(gear=lambda j, d, dd, z: (-stiffness[j] * ca.fmax(ca.fmin(d, gap[j]), -gap[j]), 0 * z))
+    return Law(
+        gear=lambda j, d, dd, z: (-stiffness[j] * ca.fmax(ca.fmin(d, gap[j]), -gap[j]), 0 * z)
+    )
 
 
 def cubic(coefficient: np.ndarray) -> Law:
@@ -73,7 +77,12 @@ def simulate(
     rest = local.rest(local.values, plan.poses)
     rng, n, m, N = np.random.default_rng(seed), robot.dof, robot.n_m, plan.samples
     t = np.arange(N) * plan.hardware.sample_s
-    runs = [(k, r, e) for k in range(len(plan.poses)) for r in range(plan.realizations) for e in range(m)]
+    runs = [
+        (k, r, e)
+        for k in range(len(plan.poses))
+        for r in range(plan.realizations)
+        for e in range(m)
+    ]
     shape = (len(plan.poses), plan.realizations, m, plan.periods, len(plan.lines), m)
     tau_m, q_m = np.empty(shape, complex), np.empty(shape, complex)
     w = 2j * np.pi * np.fft.rfftfreq(N, plan.hardware.sample_s)[:, None]
@@ -90,9 +99,14 @@ def simulate(
             states, out = (np.asarray(x) for x in period(start, inputs))
             start = states[:, -1]
             if p >= 0:
-                tau_m[k, r, e, p], q_m[k, r, e, p] = basis @ np.roll(out[:m], -late, axis=1).T, basis @ out[m:].T
+                tau_m[k, r, e, p], q_m[k, r, e, p] = (
+                    basis @ np.roll(out[:m], -late, axis=1).T,
+                    basis @ out[m:].T,
+                )
     speed = np.sqrt((np.abs(w_of(plan) * q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
-    return Experiment(plan, tau_m, q_m, speed, np.zeros(len(plan.poses), np.int64), f"simulation of {robot.name}")
+    return Experiment(
+        plan, tau_m, q_m, speed, np.zeros(len(plan.poses), np.int64), f"simulation of {robot.name}"
+    )
 
 
 def w_of(plan: Plan) -> np.ndarray:
@@ -132,7 +146,11 @@ def _period(plan: Plan, robot: RobotModel, law: Law) -> ca.Function:
     q_ref, v_ref, noise, pose, hold = ca.vertsplit(inputs, m)
     law_ = plan.controller
     angle = ca.mtimes(ca.DM(C), x[:n])
-    w = v_ref + ca.DM(law_.position_gain) * (pose + q_ref - angle - noise) - ca.mtimes(ca.DM(C), x[n : 2 * n])
+    w = (
+        v_ref
+        + ca.DM(law_.position_gain) * (pose + q_ref - angle - noise)
+        - ca.mtimes(ca.DM(C), x[n : 2 * n])
+    )
     u = hold + ca.DM(law_.speed_gain) * (w + ca.DM(law_.integral_gain) * s)
     h = plan.hardware.sample_s / STEPS
     held, now = ca.SX.sym("held", m), ca.SX.sym("now", 2 * n + m)
@@ -157,7 +175,9 @@ def _compiled(function: ca.Function) -> ca.Function:
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder, "one.so")
         Path(folder, "one.c").write_text(_text(function), encoding="ascii")
-        subprocess.run([CC, "-O1", "-shared", "-fPIC", "one.c", "-lm", "-o", library], cwd=folder, check=True)
+        subprocess.run(
+            [CC, "-O1", "-shared", "-fPIC", "one.c", "-lm", "-o", library], cwd=folder, check=True
+        )
         return ca.external(function.name(), str(library))  # stays loaded
 
 

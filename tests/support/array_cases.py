@@ -22,10 +22,14 @@ EXACT = 1e-9  # of the largest entry of a Jacobian
 
 
 @cache
-def library(model: str, functions, parameters: Sequence[str], precision: str, parts=("derivatives",)) -> Library:
+def library(
+    model: str, functions, parameters: Sequence[str], precision: str, parts=("derivatives",)
+) -> Library:
     folder = Path(tempfile.mkdtemp(prefix="flexgen-arrays-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    made = generate(model, folder, functions=functions, parameters=parameters, precision=precision, parts=parts)
+    made = generate(
+        model, folder, functions=functions, parameters=parameters, precision=precision, parts=parts
+    )
     return load(made.directory)
 
 
@@ -66,7 +70,9 @@ def checked_gradients(case, jacobians: Callable, names: Sequence[str] | None = N
 
         def flat(*x: np.ndarray, function=function) -> np.ndarray:
             result = function(*x)
-            return np.concatenate([y.ravel() for y in (result if isinstance(result, tuple) else (result,))])
+            return np.concatenate(
+                [y.ravel() for y in (result if isinstance(result, tuple) else (result,))]
+            )
 
         x = drawn(robot, name, None)
         found = jacobians(case, name, x)
@@ -74,4 +80,7 @@ def checked_gradients(case, jacobians: Callable, names: Sequence[str] | None = N
         for i, J in enumerate(found):
             expected = differences(flat, x, i)
             size = max(np.abs(expected).max(), scale)
-            assert np.abs(J.reshape(expected.shape) - expected).max() <= EXACT * size, (name, function.inputs[i].name)
+            assert np.abs(J.reshape(expected.shape) - expected).max() <= EXACT * size, (
+                name,
+                function.inputs[i].name,
+            )

@@ -134,23 +134,46 @@ BAD_URDF = {
         "file",
         ["duplicate attribute"],
     ),
-    "not a robot": ([('<robot name="arm">', '<sdf name="arm"><!--!-->'), ("</robot>", "</sdf>")], "file", ["<robot"]),
+    "not a robot": (
+        [('<robot name="arm">', '<sdf name="arm"><!--!-->'), ("</robot>", "</sdf>")],
+        "file",
+        ["<robot"],
+    ),
     "no name": ([('<robot name="arm">', "<robot><!--!-->")], "robot.name", ["given nothing"]),
-    "empty name": ([('<link name="foot"/>', '<link name=" "/><!--!-->')], "link.name", ["an empty string"]),
+    "empty name": (
+        [('<link name="foot"/>', '<link name=" "/><!--!-->')],
+        "link.name",
+        ["an empty string"],
+    ),
     "name of thousands": (
         [('"grey"', '"grey"'), ('<link name="tip"/>', f'<link name="{"x" * 3000}"/><!--!-->')],
         "link.name",
         ["3000 characters"],
     ),
-    "document type": ([("<robot ", "<!DOCTYPE robot><robot ")], "file", ["document type", "without <!DOCTYPE"]),
+    "document type": (
+        [("<robot ", "<!DOCTYPE robot><robot ")],
+        "file",
+        ["document type", "without <!DOCTYPE"],
+    ),
     "laughs": (
-        [("<robot ", '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><robot '), ('"grey"', '"&b;"')],
+        [
+            ("<robot ", '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><robot '),
+            ('"grey"', '"&b;"'),
+        ],
         "file",
         ["document type"],
     ),
-    "external": ([("<robot ", '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot ')], "file", ["document"]),
+    "external": (
+        [("<robot ", '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot ')],
+        "file",
+        ["document"],
+    ),
     "undefined entity": ([('"grey"', '"&grey;"')], "file", ["undefined entity"]),
-    "deep": ([('<link name="tip"/>', "<a>" * 100 + "</a>" * 100)], "file", ["nested too deeply", "64"]),
+    "deep": (
+        [('<link name="tip"/>', "<a>" * 100 + "</a>" * 100)],
+        "file",
+        ["nested too deeply", "64"],
+    ),
     "encoding": ([('version="1.0"', 'version="1.0" encoding="klingon"')], "file", ["encoding"]),
     "control character": ([('"grey"', '"gr\x01ey"')], "file", ["not XML", "invalid token"]),
     "xacro": (
@@ -161,11 +184,18 @@ BAD_URDF = {
         "file",
         ["xacro has expanded"],
     ),
-    "xacro value": ([('<mass value="6"/>', '<mass value="${m}"/><!--!-->')], "mass.value", ["xacro"]),
+    "xacro value": (
+        [('<mass value="6"/>', '<mass value="${m}"/><!--!-->')],
+        "mass.value",
+        ["xacro"],
+    ),
     "misspelled tag": (
         [
             ('<inertial>\n      <origin xyz="0.3', '<inertail><!--!-->\n      <origin xyz="0.3'),
-            ('iyy="0.3" iyz="0" izz="0.3"/>\n    </inertial>', 'iyy="0.3" iyz="0" izz="0.3"/>\n    </inertail>'),
+            (
+                'iyy="0.3" iyz="0" izz="0.3"/>\n    </inertial>',
+                'iyy="0.3" iyz="0" izz="0.3"/>\n    </inertail>',
+            ),
         ],
         "link.boom",
         ["inertail", "expected inertial"],
@@ -184,7 +214,10 @@ BAD_URDF = {
         ["line 10"],
     ),
     "joint twice": (
-        [('<joint name="lift" ', '<joint name="turn" '), ('type="revolute">', 'type="revolute"><!--!-->')],
+        [
+            ('<joint name="lift" ', '<joint name="turn" '),
+            ('type="revolute">', 'type="revolute"><!--!-->'),
+        ],
         "joint.turn",
         ["line 11", "each joint once"],
     ),
@@ -203,21 +236,37 @@ BAD_URDF = {
         "joint.lift.type",
         ["nothing"],
     ),
-    "unknown type": ([('type="revolute">', 'type="revolut"><!--!-->')], "joint.lift.type", ['"revolute" (there are:']),
-    "floating": ([('type="revolute">', 'type="floating"><!--!-->')], "joint.lift.type", ["floating", "revolute, cont"]),
+    "unknown type": (
+        [('type="revolute">', 'type="revolut"><!--!-->')],
+        "joint.lift.type",
+        ['"revolute" (there are:'],
+    ),
+    "floating": (
+        [('type="revolute">', 'type="floating"><!--!-->')],
+        "joint.lift.type",
+        ["floating", "revolute, cont"],
+    ),
     "planar": ([('type="revolute">', 'type="planar"><!--!-->')], "joint.lift.type", ["planar"]),
     "no parent": (
         [('<parent link="column"/>', ""), ('type="revolute">', 'type="revolute"><!--!-->')],
         "joint.lift.parent",
         ["<parent link="],
     ),
-    "no child link": ([('<child link="boom"/>', "<child/><!--!-->")], "joint.lift.child.link", ["nothing"]),
+    "no child link": (
+        [('<child link="boom"/>', "<child/><!--!-->")],
+        "joint.lift.child.link",
+        ["nothing"],
+    ),
     "unknown parent": (
         [('<parent link="column"/>', '<parent link="colum"/><!--!-->')],
         "joint.lift.parent",
         ['unknown link "colum"', '"column" (there are:'],
     ),
-    "unknown child": ([('<child link="boom"/>', '<child link="zzz"/><!--!-->')], "joint.lift.child", ["one of"]),
+    "unknown child": (
+        [('<child link="boom"/>', '<child link="zzz"/><!--!-->')],
+        "joint.lift.child",
+        ["one of"],
+    ),
     "two parents": (
         [
             ('<child link="jaw"/>', '<child link="tip"/>'),
@@ -232,12 +281,18 @@ BAD_URDF = {
         ["without a parent", '"lost"'],
     ),
     "loop": (
-        [('<parent link="column"/>', '<parent link="tip"/>'), ('<link name="boom">', '<link name="boom"><!--!-->')],
+        [
+            ('<parent link="column"/>', '<parent link="tip"/>'),
+            ('<link name="boom">', '<link name="boom"><!--!-->'),
+        ],
         "link.boom",
         ["loop"],
     ),
     "loop of one": (
-        [('<parent link="column"/>', '<parent link="boom"/>'), ('<link name="boom">', '<link name="boom"><!--!-->')],
+        [
+            ('<parent link="column"/>', '<parent link="boom"/>'),
+            ('<link name="boom">', '<link name="boom"><!--!-->'),
+        ],
         "link.boom",
         ["loop"],
     ),
@@ -254,32 +309,84 @@ BAD_URDF = {
     ),
     "no links": ([(URDF, '<robot name="arm"/>')], "robot", ["no link"]),
     "zero axis": (
-        [('<axis xyz="0 1 0"/>\n    <limit lower="-1"', '<axis xyz="0 0 0"/><!--!-->\n    <limit lower="-1"')],
+        [
+            (
+                '<axis xyz="0 1 0"/>\n    <limit lower="-1"',
+                '<axis xyz="0 0 0"/><!--!-->\n    <limit lower="-1"',
+            )
+        ],
         "lift.axis.xyz",
         ["length 1"],
     ),
-    "long axis": ([('<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/><!--!-->')], "turn.axis.xyz", ["length 1"]),
-    "axis of two": ([('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/><!--!-->')], "turn.axis.xyz", ["3 numbers"]),
-    "axis without numbers": ([('<axis xyz="0 0 1"/>', "<axis/><!--!-->")], "turn.axis.xyz", ["nothing"]),
+    "long axis": (
+        [('<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/><!--!-->')],
+        "turn.axis.xyz",
+        ["length 1"],
+    ),
+    "axis of two": (
+        [('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/><!--!-->')],
+        "turn.axis.xyz",
+        ["3 numbers"],
+    ),
+    "axis without numbers": (
+        [('<axis xyz="0 0 1"/>', "<axis/><!--!-->")],
+        "turn.axis.xyz",
+        ["nothing"],
+    ),
     "word": (
-        [('xyz="0.5 0 0"', 'xyz="0.5 0 x"'), ('<child link="ram"/>\n', '<child link="ram"/><!--!-->')],
+        [
+            ('xyz="0.5 0 0"', 'xyz="0.5 0 x"'),
+            ('<child link="ram"/>\n', '<child link="ram"/><!--!-->'),
+        ],
         "slide.origin.xyz",
         ['"0.5 0 x"', "3 numbers"],
     ),
     "comma": ([('xyz="0.5 0 0"/>', 'xyz="0,5 0 0"/><!--!-->')], "slide.origin.xyz", ["3 numbers"]),
-    "underscore": ([('xyz="0.5 0 0"/>', 'xyz="1_0 0 0"/><!--!-->')], "slide.origin.xyz", ["3 numbers"]),
-    "hexadecimal": ([('<mass value="6"/>', '<mass value="0x10"/><!--!-->')], "boom.inertial.mass.value", ["a number"]),
-    "not a number": ([('<mass value="6"/>', '<mass value="nan"/><!--!-->')], "boom.inertial.mass.value", ["a number"]),
-    "infinite": ([('<mass value="6"/>', '<mass value="inf"/><!--!-->')], "boom.inertial.mass.value", ["a number"]),
+    "underscore": (
+        [('xyz="0.5 0 0"/>', 'xyz="1_0 0 0"/><!--!-->')],
+        "slide.origin.xyz",
+        ["3 numbers"],
+    ),
+    "hexadecimal": (
+        [('<mass value="6"/>', '<mass value="0x10"/><!--!-->')],
+        "boom.inertial.mass.value",
+        ["a number"],
+    ),
+    "not a number": (
+        [('<mass value="6"/>', '<mass value="nan"/><!--!-->')],
+        "boom.inertial.mass.value",
+        ["a number"],
+    ),
+    "infinite": (
+        [('<mass value="6"/>', '<mass value="inf"/><!--!-->')],
+        "boom.inertial.mass.value",
+        ["a number"],
+    ),
     "overflow": (
         [('<mass value="6"/>', '<mass value="1e999"/><!--!-->')],
         "boom.inertial.mass.value",
         ["at most 1e+12"],
     ),
-    "huge": ([('<mass value="6"/>', '<mass value="1e13"/><!--!-->')], "boom.inertial.mass.value", ["at most 1e+12"]),
-    "digits of another script": ([('<mass value="6"/>', '<mass value="\u0666"/><!--!-->')], "mass.value", ["a number"]),
-    "rpy of four": ([('rpy="0.2 0 0"/>', 'rpy="0 0 0 1"/><!--!-->')], "lift.origin.rpy", ["3 numbers"]),
-    "negative mass": ([('<mass value="6"/>', '<mass value="-6"/><!--!-->')], "boom.inertial.mass.value", [">= 0"]),
+    "huge": (
+        [('<mass value="6"/>', '<mass value="1e13"/><!--!-->')],
+        "boom.inertial.mass.value",
+        ["at most 1e+12"],
+    ),
+    "digits of another script": (
+        [('<mass value="6"/>', '<mass value="\u0666"/><!--!-->')],
+        "mass.value",
+        ["a number"],
+    ),
+    "rpy of four": (
+        [('rpy="0.2 0 0"/>', 'rpy="0 0 0 1"/><!--!-->')],
+        "lift.origin.rpy",
+        ["3 numbers"],
+    ),
+    "negative mass": (
+        [('<mass value="6"/>', '<mass value="-6"/><!--!-->')],
+        "boom.inertial.mass.value",
+        [">= 0"],
+    ),
     "no mass": (
         [
             ('      <mass value="6"/>\n', ""),
@@ -289,11 +396,18 @@ BAD_URDF = {
         ["<mass> in <inertial>"],
     ),
     "no inertia": (
-        [(f"      {BOOM}\n", ""), ('<inertial>\n      <origin xyz="0.3', '<inertial><!--!-->\n      <origin xyz="0.3')],
+        [
+            (f"      {BOOM}\n", ""),
+            ('<inertial>\n      <origin xyz="0.3', '<inertial><!--!-->\n      <origin xyz="0.3'),
+        ],
         "boom.inertial.inertia",
         ["<inertia> in <inertial>"],
     ),
-    "inertia of five": ([(BOOM, BOOM.replace('iyz="0" ', "") + "<!--!-->")], "boom.inertial.inertia.iyz", ["nothing"]),
+    "inertia of five": (
+        [(BOOM, BOOM.replace('iyz="0" ', "") + "<!--!-->")],
+        "boom.inertial.inertia.iyz",
+        ["nothing"],
+    ),
     "inertia without mass": (
         [('<mass value="6"/>', '<mass value="0"/>'), (BOOM, BOOM + "<!--!-->")],
         "boom.inertial.inertia",
@@ -319,33 +433,60 @@ BAD_URDF = {
         "joint.lift.limit",
         ["<limit>", "[joint.lift] limits = false"],
     ),
-    "no upper limit": ([(LIFT, LIFT.replace(' upper="1"', "") + "<!--!-->")], "lift.limit.upper", ["limits = false"]),
-    "no effort": ([(LIFT, LIFT.replace(' effort="200"', "") + "<!--!-->")], "lift.limit.effort", ["limits = false"]),
+    "no upper limit": (
+        [(LIFT, LIFT.replace(' upper="1"', "") + "<!--!-->")],
+        "lift.limit.upper",
+        ["limits = false"],
+    ),
+    "no effort": (
+        [(LIFT, LIFT.replace(' effort="200"', "") + "<!--!-->")],
+        "lift.limit.effort",
+        ["limits = false"],
+    ),
     "no effort of a continuous one": (
         [('effort="100" velocity="2"/>', 'velocity="2"/><!--!-->')],
         "turn.limit.effort",
         ["nothing"],
     ),
     "zero effort": ([(LIFT, LIFT.replace("200", "0") + "<!--!-->")], "lift.limit.effort", ["> 0"]),
-    "negative velocity": ([(LIFT, LIFT.replace('"2"', '"-2"') + "<!--!-->")], "lift.limit.velocity", ["> 0"]),
-    "limits exchanged": ([(LIFT, LIFT.replace("-1", "2") + "<!--!-->")], "lift.limit", ["below the upper one"]),
+    "negative velocity": (
+        [(LIFT, LIFT.replace('"2"', '"-2"') + "<!--!-->")],
+        "lift.limit.velocity",
+        ["> 0"],
+    ),
+    "limits exchanged": (
+        [(LIFT, LIFT.replace("-1", "2") + "<!--!-->")],
+        "lift.limit",
+        ["below the upper one"],
+    ),
     "Coulomb friction": (
         [('friction="0"/>', 'friction="3"/><!--!-->')],
         "lift.dynamics.friction",
         ["beta", "dynamics = false", "coulomb = 3"],
     ),
-    "negative friction": ([('friction="0"/>', 'friction="-3"/><!--!-->')], "lift.dynamics.friction", [">= 0"]),
+    "negative friction": (
+        [('friction="0"/>', 'friction="-3"/><!--!-->')],
+        "lift.dynamics.friction",
+        [">= 0"],
+    ),
     "negative damping": (
         [('damping="0.5" friction="0"/>', 'damping="-1"/><!--!-->')],
         "lift.dynamics.damping",
         [">= 0"],
     ),
-    "mimic": ([(LIFT, LIFT + '<mimic joint="turns"/><!--!-->')], "joint.lift.mimic", ["turn", "lock = { lift = 0.0 }"]),
+    "mimic": (
+        [(LIFT, LIFT + '<mimic joint="turns"/><!--!-->')],
+        "joint.lift.mimic",
+        ["turn", "lock = { lift = 0.0 }"],
+    ),
     "massless end": (
         [
             (RAM, ""),
             (JAW, ""),
-            ('<joint name="slide" type="prismatic">', '<joint name="slide" type="prismatic"><!--!-->'),
+            (
+                '<joint name="slide" type="prismatic">',
+                '<joint name="slide" type="prismatic"><!--!-->',
+            ),
         ],
         "joint.slide",
         ["without moving any mass"],
@@ -353,8 +494,14 @@ BAD_URDF = {
     "point on the axis": (
         [
             (RAM, ""),
-            (JAW, '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'),
-            ('type="prismatic">\n    <parent link="boom"/>', 'type="continuous"><!--!-->\n    <parent link="boom"/>'),
+            (
+                JAW,
+                '<inertial><mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>',
+            ),
+            (
+                'type="prismatic">\n    <parent link="boom"/>',
+                'type="continuous"><!--!-->\n    <parent link="boom"/>',
+            ),
             (
                 '<parent link="ram"/>\n    <child link="jaw"/>\n    <axis xyz="0 1 0"/>',
                 '<parent link="ram"/>\n    <child link="jaw"/>\n    <axis xyz="1 0 0"/>',
@@ -364,12 +511,22 @@ BAD_URDF = {
         ["the coordinate slide"],
     ),
     "joint with a long name": (
-        [('<joint name="slide" type="prismatic">', f'<joint name="{LONG}" type="prismatic"><!--!-->')],
+        [
+            (
+                '<joint name="slide" type="prismatic">',
+                f'<joint name="{LONG}" type="prismatic"><!--!-->',
+            )
+        ],
         f"joint.{LONG}.name",
         ["30", f'[joint.{LONG}] rename = "..."'],
     ),
     "joint with spaces": (
-        [('<joint name="slide" type="prismatic">', '<joint name="my joint" type="prismatic"><!--!-->')],
+        [
+            (
+                '<joint name="slide" type="prismatic">',
+                '<joint name="my joint" type="prismatic"><!--!-->',
+            )
+        ],
         'joint."my joint".name',
         ['[joint."my joint"] rename'],
     ),
@@ -389,7 +546,12 @@ BAD_URDF = {
         ["rename"],
     ),
     "control codes in a name": (
-        [('<joint name="slide" type="prismatic">', f'<joint name="{RLO}" type="prismatic"><!--!-->')],
+        [
+            (
+                '<joint name="slide" type="prismatic">',
+                f'<joint name="{RLO}" type="prismatic"><!--!-->',
+            )
+        ],
         ".name",
         ["\\u202e\\x7f"],
     ),
@@ -430,19 +592,47 @@ BAD_URDF = {
 # name: edits of the overlay, end of the key, words; the line is marked by #!
 BAD_OVERLAY = {
     "no file": ([('file = "arm.urdf"\n', "")], "urdf.file", ["given nothing"]),
-    "missing file": ([('file = "arm.urdf"', 'file = "leg.urdf" #!')], "urdf.file", ["which is not a file"]),
+    "missing file": (
+        [('file = "arm.urdf"', 'file = "leg.urdf" #!')],
+        "urdf.file",
+        ["which is not a file"],
+    ),
     "folder": ([('file = "arm.urdf"', 'file = "." #!')], "urdf.file", ["which is not a file"]),
-    "file with a null": ([('file = "arm.urdf"', 'file = "a\\u0000" #!')], "urdf.file", ["control character"]),
-    "file of thousands": ([('"arm.urdf"', f'"{"x" * 1900}" #!')], "urdf.file", ["which is not a file"]),
-    "unknown package": ([('"arm.urdf"', '"package://no_such_package/arm.urdf" #!')], "urdf.file", ["ROS_PACKAGE_PATH"]),
-    "package without a file": ([('"arm.urdf"', '"package://arm" #!')], "urdf.file", ["ROS_PACKAGE_PATH"]),
-    "way out of a package": ([('"arm.urdf"', '"package://x/../arm.urdf" #!')], "urdf.file", ["ROS_PACKAGE_PATH"]),
+    "file with a null": (
+        [('file = "arm.urdf"', 'file = "a\\u0000" #!')],
+        "urdf.file",
+        ["control character"],
+    ),
+    "file of thousands": (
+        [('"arm.urdf"', f'"{"x" * 1900}" #!')],
+        "urdf.file",
+        ["which is not a file"],
+    ),
+    "unknown package": (
+        [('"arm.urdf"', '"package://no_such_package/arm.urdf" #!')],
+        "urdf.file",
+        ["ROS_PACKAGE_PATH"],
+    ),
+    "package without a file": (
+        [('"arm.urdf"', '"package://arm" #!')],
+        "urdf.file",
+        ["ROS_PACKAGE_PATH"],
+    ),
+    "way out of a package": (
+        [('"arm.urdf"', '"package://x/../arm.urdf" #!')],
+        "urdf.file",
+        ["ROS_PACKAGE_PATH"],
+    ),
     "not a table": (
         [("[urdf]\n", "[urdfs]\n"), ('name = "arm"\n', 'name = "arm"\nurdf = 3 #!\n')],
         "urdf",
         ["a table"],
     ),
-    "unknown key of urdf": ([('base = "world"', 'root = "world" #!')], "urdf.root", ["unknown key"]),
+    "unknown key of urdf": (
+        [('base = "world"', 'root = "world" #!')],
+        "urdf.root",
+        ["unknown key"],
+    ),
     "no base": ([('base = "world"\n', "")], "urdf.base", ["given nothing"]),
     "unknown base": ([('"world"', '"word" #!')], "urdf.base", ['"world" (there are:', "arm.urdf"]),
     "unknown tip": ([('tip = "tip"', 'tip = "tool0" #!')], "urdf.tip", ["one of"]),
@@ -460,21 +650,49 @@ BAD_OVERLAY = {
         ["prismatic joint outside the chain", "lock = { finger = 0.0 }"],
     ),
     "unknown lock": ([(FINGER, 'lock = ["fingr"] #!\n')], "urdf.lock", ['"finger" (there are:']),
-    "lock of what is fixed": ([(FINGER, "lock = { end = 0.0, finger = 0.0 } #!\n")], "urdf.lock", ['instead of "end"']),
-    "lock at a text": ([(FINGER, 'lock = { finger = "open" } #!\n')], "urdf.lock.finger", ["a number"]),
+    "lock of what is fixed": (
+        [(FINGER, "lock = { end = 0.0, finger = 0.0 } #!\n")],
+        "urdf.lock",
+        ['instead of "end"'],
+    ),
+    "lock at a text": (
+        [(FINGER, 'lock = { finger = "open" } #!\n')],
+        "urdf.lock.finger",
+        ["a number"],
+    ),
     "lock is a number": ([(FINGER, "lock = 3 #!\n")], "urdf.lock", ["a name or a list"]),
     "unknown drop": ([(FINGER, 'drop = ["finer"] #!\n')], "urdf.drop", ['"finger" (there are:']),
-    "drop of the chain": ([(FINGER, FINGER + 'drop = ["slide"] #!\n')], "urdf.drop", ["outside the chain"]),
-    "limits is a number": ([(FINGER, FINGER + "limits = 0 #!\n")], "urdf.limits", ["true or false"]),
+    "drop of the chain": (
+        [(FINGER, FINGER + 'drop = ["slide"] #!\n')],
+        "urdf.drop",
+        ["outside the chain"],
+    ),
+    "limits is a number": (
+        [(FINGER, FINGER + "limits = 0 #!\n")],
+        "urdf.limits",
+        ["true or false"],
+    ),
     "element in addition to urdf": (
         [("[joint.turn]", '[[element]]\nname = "x"\n[joint.turn]')],
         "element",
         ["either [urdf]"],
     ),
-    "unknown joint": ([("[joint.turn]", "[joint.trn] #!")], "joint.trn", ["unknown joint", '"turn" (there are:']),
+    "unknown joint": (
+        [("[joint.turn]", "[joint.trn] #!")],
+        "joint.trn",
+        ["unknown joint", '"turn" (there are:'],
+    ),
     "joint that is fixed": ([("[joint.turn]", "[joint.end] #!")], "joint.end", ["does not move"]),
-    "joint that is locked": ([("[joint.turn]", "[joint.finger] #!")], "joint.finger", ["a moving joint of the chain"]),
-    "joint is a number": ([("[joint.turn]\n", "[joint]\nturn = 3 #!\n[joint.x]\n")], "joint.turn", ["a table"]),
+    "joint that is locked": (
+        [("[joint.turn]", "[joint.finger] #!")],
+        "joint.finger",
+        ["a moving joint of the chain"],
+    ),
+    "joint is a number": (
+        [("[joint.turn]\n", "[joint]\nturn = 3 #!\n[joint.x]\n")],
+        "joint.turn",
+        ["a table"],
+    ),
     "joints are a number": (
         [
             ("[joint.turn]\n", ""),
@@ -487,7 +705,10 @@ BAD_OVERLAY = {
         ["a table"],
     ),
     "unknown key of a joint": (
-        [("motor = { ratio = 50.0", "moter = { ratio = 50.0"), ("[joint.turn]\n", "[joint.turn] \n")],
+        [
+            ("motor = { ratio = 50.0", "moter = { ratio = 50.0"),
+            ("[joint.turn]\n", "[joint.turn] \n"),
+        ],
         "joint.turn.moter",
         ["motor"],
     ),
@@ -499,8 +720,16 @@ BAD_OVERLAY = {
     ),
     "bad new name": ([('"arm2"', '"arm 2" #!')], "link.boom.rename", ["letters, digits"]),
     "new name that is taken": ([('"arm2"', '"column" #!')], "name", ["not taken"]),
-    "new name of a joint that is taken": ([('rename = "q2"', 'rename = "turn" #!')], "name", ["not taken"]),
-    "body of nothing": ([('rename = "arm2"', "body = { mass = -1.0 } #!")], "link.boom.body.mass", [">= 0"]),
+    "new name of a joint that is taken": (
+        [('rename = "q2"', 'rename = "turn" #!')],
+        "name",
+        ["not taken"],
+    ),
+    "body of nothing": (
+        [('rename = "arm2"', "body = { mass = -1.0 } #!")],
+        "link.boom.body.mass",
+        [">= 0"],
+    ),
     "motor in addition to a spring": (
         [
             ("[joint.turn]\n", '[joint.turn]\nspring = { type = "linear", stiffness = 1.0 }\n'),
@@ -525,12 +754,18 @@ BAD_OVERLAY = {
         ["together with an elastic gear"],
     ),
     "elastic gear without a rotor": (
-        [("ratio = -80.0, inertia = 1e-3", "ratio = -80.0"), ("viscous = 1e-3 } }", "viscous = 1e-3 } } #!")],
+        [
+            ("ratio = -80.0, inertia = 1e-3", "ratio = -80.0"),
+            ("viscous = 1e-3 } }", "viscous = 1e-3 } } #!"),
+        ],
         "joint.lift.motor.inertia",
         ["elastic gear"],
     ),
     "elastic gear, rotor of zero": (
-        [("-80.0, inertia = 1e-3", "-80.0, inertia = 0.0"), ("viscous = 1e-3 } }", "viscous = 1e-3 } } #!")],
+        [
+            ("-80.0, inertia = 1e-3", "-80.0, inertia = 0.0"),
+            ("viscous = 1e-3 } }", "viscous = 1e-3 } } #!"),
+        ],
         "motor.m2.inertia",
         ["> 0", "elastic"],
     ),
@@ -551,22 +786,45 @@ BAD_OVERLAY = {
     ),
     "two motors": (
         [
-            ("[variant", '[[motor]]\nname = "mm"\ndrives = "turn"\nratio = 1\ninertia = 1.0\n[variant'),
+            (
+                "[variant",
+                '[[motor]]\nname = "mm"\ndrives = "turn"\nratio = 1\ninertia = 1.0\n[variant',
+            ),
             ("ratio = 50.0, inertia = 1e-3 }", "ratio = 50.0, inertia = 1e-3 } #!"),
         ],
         "joint.turn.motor",
         ["either motor or a [[motor]] table"],
     ),
-    "motor list is a text": ([('name = "arm"\n', 'name = "arm"\nmotor = "x" #!\n')], "motor", ["list of tables"]),
-    "extra without a spring": ([('spring = { type = "linear", stiffness = 2e4 }\n', "")], "dof.bend.gear", ["spring"]),
+    "motor list is a text": (
+        [('name = "arm"\n', 'name = "arm"\nmotor = "x" #!\n')],
+        "motor",
+        ["list of tables"],
+    ),
+    "extra without a spring": (
+        [('spring = { type = "linear", stiffness = 2e4 }\n', "")],
+        "dof.bend.gear",
+        ["spring"],
+    ),
     "extra with a taken name": ([('name = "bend"', 'name = "q2" #!')], "name", ["not taken"]),
-    "extras in no list": ([("[[joint.lift.after]]", "[joint.lift.after] #!")], "joint.lift.after", ["list of tables"]),
+    "extras in no list": (
+        [("[[joint.lift.after]]", "[joint.lift.after] #!")],
+        "joint.lift.after",
+        ["list of tables"],
+    ),
     "home outside of the limits": (
         [("home_rad = [0.1, 0.2, 0.3]", "home_rad = [0.1, 0.2, 0.05] #!")],
         "home_rad",
         ["slide within its limits 0.1..0.5"],
     ),
-    "home of four": ([("home_rad = [0.1, 0.2, 0.3]", "home_rad = [0.1, 0.2, 0.3, 0] #!")], "home_rad", ["3 number"]),
+    "home of four": (
+        [("home_rad = [0.1, 0.2, 0.3]", "home_rad = [0.1, 0.2, 0.3, 0] #!")],
+        "home_rad",
+        ["3 number"],
+    ),
     "unknown key": ([('name = "arm"\n', 'name = "arm"\ngrvity = 3 #!\n')], "grvity", ["gravity"]),
-    "variant into nothing": ([('"element.arm2.dof', '"element.boom.dof')], 'boom.dof.q2.gear"', ["arm2"]),
+    "variant into nothing": (
+        [('"element.arm2.dof', '"element.boom.dof')],
+        'boom.dof.q2.gear"',
+        ["arm2"],
+    ),
 }

@@ -16,7 +16,9 @@ NUMBERS = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 80
 PRESLIDING = 1e-3  # rad at the motor: deflection of the bristles before they slip
 
 
-def tables(name: str, share: float = 0.1, presliding: float = PRESLIDING) -> dict[str, dict[str, float]]:
+def tables(
+    name: str, share: float = 0.1, presliding: float = PRESLIDING
+) -> dict[str, dict[str, float]]:
     """Numbers of each motor: Coulomb torque a ``share`` of the typical torque of its path, 1.5 times that at rest."""
     model = with_friction(flexgen.read(name), "viscous")
     torque = flexgen.solve(model, verify=False, progress=False).trajectory["tau_m"].std(axis=0)
@@ -35,7 +37,9 @@ def tables(name: str, share: float = 0.1, presliding: float = PRESLIDING) -> dic
     return out
 
 
-def bristled(name: str, numbers: dict[str, dict[str, float]], **overrides: Any) -> flexgen.RobotModel:
+def bristled(
+    name: str, numbers: dict[str, dict[str, float]], **overrides: Any
+) -> flexgen.RobotModel:
     """The model with these tables ``lugre`` and viscous friction."""
     changes = {f"motor.{motor}.lugre": table for motor, table in numbers.items()}
     return with_friction(flexgen.read(name, overrides=changes | overrides), "viscous")
@@ -45,7 +49,9 @@ class Bristles:
     """The LuGre law of motors over the angles that they turn from where each began its step."""
 
     def __init__(self, numbers: dict[str, dict[str, float]], q: np.ndarray) -> None:
-        self.motors = [_Bristle(row, angle) for row, angle in zip(numbers.values(), q.tolist(), strict=True)]
+        self.motors = [
+            _Bristle(row, angle) for row, angle in zip(numbers.values(), q.tolist(), strict=True)
+        ]
 
     def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         given = zip(self.motors, q.tolist(), v.tolist(), strict=True)
@@ -91,10 +97,14 @@ def error_in_mujoco(
 ) -> float:
     """Tool error [m] of a robot whose motors have this friction; None: viscous friction alone."""
     if numbers is None:
-        return tool_error_in_mujoco(name, path, lambda q_g, v_g, q_m, v_m, tau: (0.0, 0.0, tau), step=step)
+        return tool_error_in_mujoco(
+            name, path, lambda q_g, v_g, q_m, v_m, tau: (0.0, 0.0, tau), step=step
+        )
     law = Bristles(numbers, path["q_m"][0].copy())
 
     def torques(q_g: Any, v_g: Any, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
         return 0.0, -law.torque(q_m, v_m), tau
 
-    return tool_error_in_mujoco(name, path, torques, lambda q_g, q_m: law.keep(q_m), step=step, feedback=feedback)
+    return tool_error_in_mujoco(
+        name, path, torques, lambda q_g, q_m: law.keep(q_m), step=step, feedback=feedback
+    )

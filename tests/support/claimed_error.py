@@ -25,7 +25,11 @@ class _Late(Exception):
 def gains_of(simulation: Simulation) -> Gains | None:
     """The gains of the feedback that a simulation names; None: open loop."""
     feedback = simulation.feedback
-    return None if feedback is None else (feedback.position_gain, feedback.speed_gain, feedback.integral_gain)
+    return (
+        None
+        if feedback is None
+        else (feedback.position_gain, feedback.speed_gain, feedback.integral_gain)
+    )
 
 
 def claimed_error(solution: Solution) -> float:

@@ -92,14 +92,19 @@ def results_of(manifest: dict[str, Any], data: bytes) -> dict[str, np.ndarray]:
     for f in manifest["functions"]:
         for port in f["outputs"]:
             n = size(port) * POINTS
-            out[f"{f['name']}.{port['name']}"] = all_of_it[at : at + n].reshape(size(port), POINTS).T
+            out[f"{f['name']}.{port['name']}"] = (
+                all_of_it[at : at + n].reshape(size(port), POINTS).T
+            )
             at += n
     assert at == len(all_of_it)
     return out
 
 
 def program(
-    manifest: dict[str, Any], counts: tuple[int, ...] = COUNTS, threads: int = 1, given: bytes | None = None
+    manifest: dict[str, Any],
+    counts: tuple[int, ...] = COUNTS,
+    threads: int = 1,
+    given: bytes | None = None,
 ) -> str:
     """The text of the program; ``given``: the inputs, where it cannot read them."""
     name = manifest["name"]
@@ -118,7 +123,11 @@ def program(
         parts.append(f"static real given[{reads}];\n")
         read = f"fread(given, sizeof(real), {reads}, stdin) != {reads}"
     else:
-        kind, word = ("<u8", "unsigned long long") if manifest["precision"] == "double" else ("<u4", "unsigned int")
+        kind, word = (
+            ("<u8", "unsigned long long")
+            if manifest["precision"] == "double"
+            else ("<u4", "unsigned int")
+        )
         bits = ", ".join(f"0x{x:x}u" for x in np.frombuffer(given, dtype=kind))
         parts.append(
             f"static const union {{ {word} bits[{reads}]; real numbers[{reads}]; }} given_bits = {{{{{bits}}}}};\n"
@@ -174,7 +183,8 @@ int main(void)
 def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     """The C function ``call_<function>(in, out)``."""
     inputs, outputs = given_ports(f), f["outputs"]
-    shared = [port for port in f["inputs"] if port not in inputs]  # the parameters, where there are any
+    # the parameters, where there are any
+    shared = [port for port in f["inputs"] if port not in inputs]
     ports = [*inputs, *shared, *outputs]
     symbol, NAME = f"{name}_{f['name']}", name.upper()
     arguments = ", ".join(p["name"] for p in ports)
@@ -182,7 +192,10 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     per_in, per_out = sum(map(size, inputs)), sum(map(size, outputs))
 
     def rooms(n: str) -> str:
-        text = "".join(f"        real *{p['name']} = room({1 if p in shared else n} * {size(p)});\n" for p in ports)
+        text = "".join(
+            f"        real *{p['name']} = room({1 if p in shared else n} * {size(p)});\n"
+            for p in ports
+        )
         return text + f"        {name}_parameters(parameters);\n" * len(shared)
 
     clear = "".join(f"        clear({p['name']});\n" for p in ports) + "        clear(work);\n"
@@ -194,8 +207,14 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
             at += size(p)
         return text
 
-    fill = each(inputs, "            for (int i = 0; i < {s}; ++i) {{ {p}[i] = in[({at} + i) * POINTS + k]; }}\n")
-    keep = each(outputs, "            for (int i = 0; i < {s}; ++i) {{ out[({at} + i) * POINTS + k] = {p}[i]; }}\n")
+    fill = each(
+        inputs,
+        "            for (int i = 0; i < {s}; ++i) {{ {p}[i] = in[({at} + i) * POINTS + k]; }}\n",
+    )
+    keep = each(
+        outputs,
+        "            for (int i = 0; i < {s}; ++i) {{ out[({at} + i) * POINTS + k] = {p}[i]; }}\n",
+    )
     fill_n = each(
         inputs,
         "                for (int i = 0; i < {s}; ++i) {{ {p}[i * n + k] = in[({at} + i) * POINTS + k % POINTS]; }}\n",
@@ -210,7 +229,9 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     nan_out = each(
         outputs,
         "                for (int i = 0; i < {s}; ++i) {{\n"
-        '                    if ({p}[i] == {p}[i]) {{ fail("' + f["name"] + ': a number in {p}", bad, e); }}\n'
+        '                    if ({p}[i] == {p}[i]) {{ fail("'
+        + f["name"]
+        + ': a number in {p}", bad, e); }}\n'
         "                }}\n",
     )
     wrong = each(
@@ -221,12 +242,17 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
         "                {p}[e] = (real)(bad == 0 ? NAN : bad == 1 ? INFINITY : -INFINITY);\n"
         f"                if ({symbol}({one}) != {NAME}_INPUT_NOT_FINITE) {{{{\n"
         '                    fail("' + f["name"] + ': unnoticed in {p}", bad, e);\n'
-        "                }}\n" + nan_out.replace("{", "{{").replace("}", "}}") + "                }}\n"
+        "                }}\n"
+        + nan_out.replace("{", "{{").replace("}", "}}")
+        + "                }}\n"
         "                {p}[e] = kept;\n            }}\n",
     )
     nulls = ""
     for k in range(len(ports) + 1):
-        words = ["NULL" if i == k else word for i, word in enumerate([*(p["name"] for p in ports), "work"])]
+        words = [
+            "NULL" if i == k else word
+            for i, word in enumerate([*(p["name"] for p in ports), "work"])
+        ]
         single = words if f["work"] else words[:-1]
         if "NULL" in single:
             nulls += (
@@ -292,7 +318,11 @@ static void call_{f["name"]}(const real *in, real *out) /* {per_in} and {per_out
 def answer(command: list[str], given: bytes, folder: Path) -> bytes:
     """What the program writes, given its inputs."""
     done = subprocess.run(command, input=given, cwd=folder, capture_output=True, check=False)
-    assert done.returncode == 0, (command, done.returncode, done.stderr.decode(errors="replace")[:4000])
+    assert done.returncode == 0, (
+        command,
+        done.returncode,
+        done.stderr.decode(errors="replace")[:4000],
+    )
     return done.stdout
 
 
@@ -308,9 +338,19 @@ def built(folder: Path, work: Path, compiler: str, *flags: str, **options: Any) 
     work.mkdir(parents=True, exist_ok=True)
     (work / "client.c").write_text(program(manifest_of(folder), **options), encoding="ascii")
     files = [str(path) for path in point_sources(folder)]
-    words = [compiler, "-std=c99", "-D_POSIX_C_SOURCE=200809L", *flags, f"-I{folder}", "client.c", *files]
+    words = [
+        compiler,
+        "-std=c99",
+        "-D_POSIX_C_SOURCE=200809L",
+        *flags,
+        f"-I{folder}",
+        "client.c",
+        *files,
+    ]
     words += ["-pthread"] * (options.get("threads", 1) > 1)
-    done = subprocess.run([*words, "-lm", "-o", "client"], cwd=work, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*words, "-lm", "-o", "client"], cwd=work, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, (words, done.stderr[:4000])
     return work / "client"
 
@@ -330,6 +370,12 @@ def stack_of_point(usage: Path, symbol: str) -> int:
     (failed,) = (name for name in sizes if name.endswith("_failed"))
     own = failed.removesuffix("failed")  # how the names of the function's pieces begin
     kernel = {name: size for name, size in sizes.items() if not name.startswith((own, symbol))}
-    pieces = [size for name, size in sizes.items() if re.fullmatch(rf"{own}(evaluate_\w+|solve_\w+)_1", name)]
+    pieces = [
+        size
+        for name, size in sizes.items()
+        if re.fullmatch(rf"{own}(evaluate_\w+|solve_\w+)_1", name)
+    ]
     evaluate = sizes.get(f"{own}evaluate_1", 0)
-    return sizes[symbol] + max(sizes[failed], evaluate + max(pieces, default=0) + max(kernel.values(), default=0))
+    return sizes[symbol] + max(
+        sizes[failed], evaluate + max(pieces, default=0) + max(kernel.values(), default=0)
+    )

@@ -16,7 +16,13 @@ from flexgen.model.elements import RobotModel
 T = 5e-4
 
 
-def loop_of(model: RobotModel, hardware: DriveHardware, lanes: int = 1, controller: Cascade | None = None, **more):
+def loop_of(
+    model: RobotModel,
+    hardware: DriveHardware,
+    lanes: int = 1,
+    controller: Cascade | None = None,
+    **more,
+):
     """A loop at home, its feedforward included in the reference that comes with it."""
     local = LocalModel(model, ())
     q_m = np.tile(model.eta @ np.array(model.home), (lanes, 1))

@@ -33,7 +33,9 @@ def confirm(model: RobotModel, t: Trajectory, windows: int = WINDOWS) -> dict[st
     sharp = any(motor.friction.coulomb for motor in model.motors)
     return {
         "kinematic": kinematic_error(t),
-        "residual": residual(pin, t, np.unique(np.linspace(EDGE, len(t.time) - 1 - EDGE, SAMPLES).astype(int))),
+        "residual": residual(
+            pin, t, np.unique(np.linspace(EDGE, len(t.time) - 1 - EDGE, SAMPLES).astype(int))
+        ),
         "residual_end": residual(pin, t, np.arange(len(t.time) - EDGE, len(t.time))),
         "output": float(output_error(pin, t["q_a"], t["y_ref"], t.channels.get("R_ref")).max()),
         "windows": 0.0 if sharp else windows_error(pin, t, windows),
@@ -64,7 +66,9 @@ def kinematic_error(t: Trajectory) -> float:
         slope = make_interp_spline(t.time, t[f"q_{part}"], k=7).derivative()(t.time)
         slope2 = make_interp_spline(t.time, t[f"v_{part}"], k=7).derivative()(t.time)
         for found, given in ((slope, t[f"v_{part}"]), (slope2, t[f"a_{part}"])):
-            worst = max(worst, float(np.abs(found - given)[inside].max() / max(np.abs(given).max(), 1e-9)))
+            worst = max(
+                worst, float(np.abs(found - given)[inside].max() / max(np.abs(given).max(), 1e-9))
+            )
     return worst
 
 
@@ -87,7 +91,9 @@ def residual(pin: PinocchioReferee, t: Trajectory, at: np.ndarray) -> float:
     return float((np.max(rows, axis=0) / size).max())
 
 
-def output_error(pin: PinocchioReferee, q_a: np.ndarray, y_ref: np.ndarray, R_ref: np.ndarray | None) -> np.ndarray:
+def output_error(
+    pin: PinocchioReferee, q_a: np.ndarray, y_ref: np.ndarray, R_ref: np.ndarray | None
+) -> np.ndarray:
     """Error of the output at each sample, the larger of distance and angle."""
     output = pin.model.output
     if output.type == "combination":
@@ -95,10 +101,14 @@ def output_error(pin: PinocchioReferee, q_a: np.ndarray, y_ref: np.ndarray, R_re
     out = []
     for i, q in enumerate(q_a):
         p, R = pin.forward_kinematics(q)
-        axes = ["xyz".index(axis) for axis in (output.axes if output.type == "tool_position" else "xyz")]
+        axes = [
+            "xyz".index(axis) for axis in (output.axes if output.type == "tool_position" else "xyz")
+        ]
         error = float(np.linalg.norm(p[axes] - y_ref[i]))
         if R_ref is not None:
-            error = max(error, float(Rotation.from_matrix(R @ R_ref[i].reshape(3, 3).T).magnitude()))
+            error = max(
+                error, float(Rotation.from_matrix(R @ R_ref[i].reshape(3, 3).T).magnitude())
+            )
         out.append(error)
     return np.array(out)
 
@@ -121,11 +131,17 @@ def windows_error(pin: PinocchioReferee, t: Trajectory, windows: int) -> float:
     worst = 0.0
     for first in np.linspace(0, last, windows).astype(int):
         inside = np.flatnonzero((t.time >= t.time[first]) & (t.time <= t.time[first] + length))
-        start = np.concatenate([t["q_a"][first], t["q_m"][first][i_m], t["v_a"][first], t["v_m"][first][i_m]])
+        start = np.concatenate(
+            [t["q_a"][first], t["q_m"][first][i_m], t["v_a"][first], t["v_m"][first][i_m]]
+        )
         span = (t.time[inside[0]], t.time[inside[-1]])
-        found = solve_ivp(rate, span, start, method="LSODA", rtol=1e-8, atol=1e-9, t_eval=t.time[inside])
+        found = solve_ivp(
+            rate, span, start, method="LSODA", rtol=1e-8, atol=1e-9, t_eval=t.time[inside]
+        )
         if not found.success:
             return float("inf")
         R_ref = t["R_ref"][inside] if "R_ref" in t.channels else None
-        worst = max(worst, float(output_error(pin, found.y[:n_a].T, t["y_ref"][inside], R_ref).max()))
+        worst = max(
+            worst, float(output_error(pin, found.y[:n_a].T, t["y_ref"][inside], R_ref).max())
+        )
     return worst

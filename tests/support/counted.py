@@ -104,11 +104,13 @@ def counting_program(folder: Path, name: str, work: Path) -> Path:
     """A folder with the sources of a library whose numbers count, and ``main.cpp``; an amalgamated library is given."""
     NAME = name.upper()
     header = (folder / f"{name}.h").read_text(encoding="ascii")
-    changed = header.replace(f"typedef double {name}_real;", f"typedef counted {name}_real;").replace(
-        f"#define {NAME}_H\n", f'#define {NAME}_H\n#include "counted.h"\n', 1
-    )
+    changed = header.replace(
+        f"typedef double {name}_real;", f"typedef counted {name}_real;"
+    ).replace(f"#define {NAME}_H\n", f'#define {NAME}_H\n#include "counted.h"\n', 1)
     # prototypes and structs of the inversion say double
-    changed = changed.replace("double ", f"{name}_real ").replace(f"typedef {name}_real {name}_real;", "")
+    changed = changed.replace("double ", f"{name}_real ").replace(
+        f"typedef {name}_real {name}_real;", ""
+    )
     changed = changed.replace('extern "C" {', f'extern "C++" {{\ntypedef counted {name}_real;')
     source = (folder / f"{name}.c").read_text(encoding="ascii").replace("double ", f"{name}_real ")
     (work / f"{name}.h").write_text(changed, encoding="ascii")

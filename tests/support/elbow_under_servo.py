@@ -45,7 +45,9 @@ def commands() -> np.ndarray:
     return START + np.column_stack(own) * (r**3 * (10 - 15 * r + 6 * r**2))[:, None]
 
 
-def follow(servo: Callable[..., OwnServo], command: Callable[[float], np.ndarray], late: int = 0) -> np.ndarray:
+def follow(
+    servo: Callable[..., OwnServo], command: Callable[[float], np.ndarray], late: int = 0
+) -> np.ndarray:
     """Motor angles over the ratios, each `PERIOD`; ``command`` of a time [s] gives joints; ``late``: samples."""
     held = _gravity(START)
     at = (START + held / STIFFNESS) * RATIO

@@ -19,7 +19,9 @@ from flexgen.mechanics.equations import derive
 from flexgen.spec.ports import Port
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
-WARNINGS = ("-pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror").split()
+WARNINGS = (
+    "-pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror"
+).split()
 
 
 @cache
@@ -38,7 +40,9 @@ def ports_of(function: ca.Function) -> tuple[tuple[Port, ...], tuple[Port, ...]]
     return tuple(inputs), tuple(outputs)
 
 
-def spec_of(program: Routine, inputs: tuple[Port, ...], outputs: tuple[Port, ...], precision="double") -> LibrarySpec:
+def spec_of(
+    program: Routine, inputs: tuple[Port, ...], outputs: tuple[Port, ...], precision="double"
+) -> LibrarySpec:
     """A library with one function ``f``."""
     extents = {port.name: tuple(map(str, port.shape)) for port in (*inputs, *outputs)}
     f = FunctionSpec("f", "A function.", "y = f(x)", inputs, outputs, extents, program)
@@ -58,7 +62,18 @@ class Small:
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text, encoding="ascii")
         sources = [name for name in self.files if name.endswith(".c") and name != "example.c"]
-        run(compiler, *flags, *WARNINGS, "-fPIC", "-shared", *sources, "-lm", "-o", "small.so", folder=folder)
+        run(
+            compiler,
+            *flags,
+            *WARNINGS,
+            "-fPIC",
+            "-shared",
+            *sources,
+            "-lm",
+            "-o",
+            "small.so",
+            folder=folder,
+        )
         library = ctypes.CDLL(str(folder / "small.so"))
         self._point, self._batch = library.small_f, library.small_f_batch
         self._work = max(library.small_work(), library.small_batch_work())
@@ -69,7 +84,10 @@ class Small:
         sizes = [self._work, *(int(np.prod(shape)) for shape in shapes)]
         memory = [np.full(size + BEHIND, 7.0, self.real) for size in sizes]
         memory[0][: self._work] = np.nan  # what is read there was written before
-        work, results = memory[0], [x[:-BEHIND].reshape(shape) for x, shape in zip(memory[1:], shapes, strict=True)]
+        work, results = (
+            memory[0],
+            [x[:-BEHIND].reshape(shape) for x, shape in zip(memory[1:], shapes, strict=True)],
+        )
         # a function for one point takes the workspace only where it needs one; one argument more does no harm
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*inputs, *results, work)]
         status = function(*count, *pointers)
@@ -86,7 +104,9 @@ class Small:
         n = len(inputs[0])
         given = [np.ascontiguousarray(np.reshape(x, (n, -1)).T, self.real) for x in inputs]
         count = (ctypes.c_int(n),)
-        status, results = self._call(self._batch, count, given, [(port.size, n) for port in self.f.outputs])
+        status, results = self._call(
+            self._batch, count, given, [(port.size, n) for port in self.f.outputs]
+        )
         return status, [x.T for x in results]
 
 

@@ -51,7 +51,9 @@ def library_of(folder: Path) -> Path:
 
 
 def run(*command, folder: Path, expected: int = 0) -> str:
-    answer = subprocess.run([str(word) for word in command], cwd=folder, capture_output=True, text=True, check=False)
+    answer = subprocess.run(
+        [str(word) for word in command], cwd=folder, capture_output=True, text=True, check=False
+    )
     assert answer.returncode == expected, answer.stderr[:4000]
     return answer.stdout
 
@@ -82,7 +84,10 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     x["f_tool"] = 100.0 * rng.normal(size=(n, 6))
     x["target"] = rng.normal(size=(n, model.output.target_size))
     x["deflection"] = 1e-3 * rng.normal(size=(n, model.n_g))
-    x["j_a"], x["s_a"] = 50.0 * rng.normal(size=(n, model.n_a)), 500.0 * rng.normal(size=(n, model.n_a))
+    x["j_a"], x["s_a"] = (
+        50.0 * rng.normal(size=(n, model.n_a)),
+        500.0 * rng.normal(size=(n, model.n_a)),
+    )
     return x
 
 

@@ -27,7 +27,8 @@ CHOICES: dict[str, dict[str, Any]] = {
     "abb_arm": {"per_point": True, "parameters": ["payload"]},
     "manutec_r3": {},
 }
-_OF_TODAY = ("digest", "generator", "casadi", "files", "build")  # of the manifest: versions and other hashes
+# of the manifest: versions and other hashes
+_OF_TODAY = ("digest", "generator", "casadi", "files", "build")
 
 
 def digest(text: str) -> str:
@@ -39,7 +40,10 @@ def hashes(model: str) -> dict[str, str]:
     """SHA-256 by file of the library of a model; of the manifest without what each version of flexgen changes."""
     with tempfile.TemporaryDirectory() as folder:
         made = generate(model, folder, build=False, progress=False, **CHOICES[model])
-        texts = {path.relative_to(made.directory).as_posix(): path.read_text(encoding="utf-8") for path in made.files}
+        texts = {
+            path.relative_to(made.directory).as_posix(): path.read_text(encoding="utf-8")
+            for path in made.files
+        }
     manifest = json.loads(texts.pop("manifest.json"))
     kept = {key: value for key, value in manifest.items() if key not in _OF_TODAY}
     texts["manifest.json"] = json.dumps(kept, sort_keys=True)
@@ -48,7 +52,11 @@ def hashes(model: str) -> dict[str, str]:
 
 def table(models: dict[str, dict[str, str]]) -> str:
     """One line for each file: model, file and hash."""
-    return "".join(f"{model} {file} {found}\n" for model, files in models.items() for file, found in files.items())
+    return "".join(
+        f"{model} {file} {found}\n"
+        for model, files in models.items()
+        for file, found in files.items()
+    )
 
 
 def read() -> dict[str, dict[str, str]]:

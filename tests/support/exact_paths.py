@@ -18,7 +18,9 @@ def polynomial_law(duration: float, k: int) -> Callable[[Any], Any]:
 
     def law(t: Any) -> Any:
         u = t / mp.mpf(duration)
-        area = sum((-1) ** i * mp.mpf(comb(k, i)) * u ** (k + i + 1) / (k + i + 1) for i in range(k + 1))
+        area = sum(
+            (-1) ** i * mp.mpf(comb(k, i)) * u ** (k + i + 1) / (k + i + 1) for i in range(k + 1)
+        )
         return area * mp.factorial(2 * k + 1) / mp.factorial(k) ** 2
 
     return law
@@ -32,9 +34,13 @@ def derivatives(f: Function, t: float, order: int) -> np.ndarray:
     with mp.workdps(DIGITS):
         h = mp.mpf(10) ** -8
         values = mp.matrix([f(mp.mpf(t) + k * h) for k in range(-4, 5)])
-        powers = mp.matrix([[mp.mpf(k) ** j / mp.factorial(j) for j in range(9)] for k in range(-4, 5)])
+        powers = mp.matrix(
+            [[mp.mpf(k) ** j / mp.factorial(j) for j in range(9)] for k in range(-4, 5)]
+        )
         taylor = mp.inverse(powers) * values
-        return np.array([[float(taylor[j, i] / h**j) for j in range(order + 1)] for i in range(values.cols)])
+        return np.array(
+            [[float(taylor[j, i] / h**j) for j in range(order + 1)] for i in range(values.cols)]
+        )
 
 
 def turn(axis: Sequence[float], angle: Any) -> Any:

@@ -22,14 +22,20 @@ def readme_table(exports: Mapping[str, Export]) -> str:
     for name, export in exports.items():
         file, _, inside = export.module.removeprefix("flexgen.exports.").partition(".")
         what, page = export.summary.rstrip("."), export.page.replace("](", "](../../docs/")
-        lines.append(f"| `{name}` | `export_{name}` | `{file}{'/' if inside else '.py'}` | {what} | {page} |\n")
+        lines.append(
+            f"| `{name}` | `export_{name}` | `{file}{'/' if inside else '.py'}` | {what} | {page} |\n"
+        )
     return HEAD + "".join(lines)
 
 
 def command_row(exports: Mapping[str, Export]) -> str:
     """The row of ``export`` in the table of commands: neighbors with the same page share its link."""
     groups = groupby(exports, key=lambda name: exports[name].page)
-    return START + ", ".join(f"{' and '.join(f'`{name}`' for name in of)} ({page})" for page, of in groups) + " |\n"
+    return (
+        START
+        + ", ".join(f"{' and '.join(f'`{name}`' for name in of)} ({page})" for page, of in groups)
+        + " |\n"
+    )
 
 
 def pages(exports: Mapping[str, Export] = EXPORTS) -> dict[Path, str]:

@@ -16,7 +16,8 @@ import flexgen
 from flexgen.exports.emitted import Emitted, emit
 from flexgen.model.elements import RobotModel
 
-PLAIN = ["-std=c99", "-O0", "-ffp-contract=off", "-fPIC"]  # the library's own warnings are tested elsewhere
+# the library's own warnings are tested elsewhere
+PLAIN = ["-std=c99", "-O0", "-ffp-contract=off", "-fPIC"]
 
 
 @cache
@@ -28,7 +29,9 @@ def folder() -> Path:
 
 
 @cache
-def library_object(name: str, precision: str = "double", parts: tuple[str, ...] = ()) -> tuple[Emitted, Path]:
+def library_object(
+    name: str, precision: str = "double", parts: tuple[str, ...] = ()
+) -> tuple[Emitted, Path]:
     """The emitted library of a model, and its object file."""
     library = emit(name, precision=precision, parts=parts)
     place = folder() / "-".join((name, precision, *parts))
@@ -43,5 +46,7 @@ def without_streams() -> RobotModel:
     """The model elbow with rotors that turn with their carriers."""
     model = flexgen.read("elbow")
     carriers = zip(model.motors, ("base", "upper"), strict=True)
-    motors = tuple(replace(motor, axis=(0.0, 1.0, 0.0), carrier=carrier) for motor, carrier in carriers)
+    motors = tuple(
+        replace(motor, axis=(0.0, 1.0, 0.0), carrier=carrier) for motor, carrier in carriers
+    )
     return replace(model, motors=motors, motor_coupling="complete")

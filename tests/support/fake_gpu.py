@@ -77,7 +77,13 @@ def compile_on_cpu(text: str, headers: Mapping[str, str], options: list[str]) ->
     kernel = text.rpartition("void k_")[2].partition("(")[0]
     with tempfile.TemporaryDirectory() as folder:
         for name, content in headers.items():
-            if "/" not in name and name not in ("float.h", "limits.h", "math.h", "stddef.h", "stdint.h"):
+            if "/" not in name and name not in (
+                "float.h",
+                "limits.h",
+                "math.h",
+                "stddef.h",
+                "stdint.h",
+            ):
                 Path(folder, name).write_text(content.replace('#include "../', '#include "'))
         Path(folder, "kernel.cpp").write_text(_HEAD + text + _TAIL.replace("@", f"k_{kernel}"))
         flags = [
@@ -117,7 +123,9 @@ class FakeDriver:
         Bytes that each has.
     """
 
-    def __init__(self, cards: int = 2, memory: int = 2**28, capability: tuple[int, int] = (9, 0)) -> None:
+    def __init__(
+        self, cards: int = 2, memory: int = 2**28, capability: tuple[int, int] = (9, 0)
+    ) -> None:
         self.cards, self.free, self.capability = cards, [memory] * cards, capability
         self.contexts: list[int] = []
         self.streams: dict[int, list[Callable[[], None]]] = {0: []}
@@ -245,7 +253,9 @@ class FakeDriver:
                 return found
         return None
 
-    def _queue(self, stream: int, work: Callable[[], Any], span: tuple[int, int] | None = None) -> Any:
+    def _queue(
+        self, stream: int, work: Callable[[], Any], span: tuple[int, int] | None = None
+    ) -> Any:
         if stream not in self.streams:
             return (Status.INVALID_HANDLE,)
         if span is not None:

@@ -41,9 +41,15 @@ def data(values: Any) -> str:
 def style(line: Any) -> str:
     """Color, widths, dashes, marker, transparency and order of a line, and whether files have it as pixels."""
     marker = f" {line.get_marker()} {line.get_markersize():g} {line.get_markerfacecolor()} {line.get_markeredgecolor()}"
-    marked = f"{marker} {line.get_markeredgewidth():g}" if line.get_marker() not in ("None", None, "") else ""
-    marked += " pixels" * bool(line.get_rasterized())  # also in a file of vectors, where there are many
-    dash = [number(x) for x in line._unscaled_dash_pattern[1] or ()]  # what was given, whatever `get_linestyle` shows
+    marked = (
+        f"{marker} {line.get_markeredgewidth():g}"
+        if line.get_marker() not in ("None", None, "")
+        else ""
+    )
+    # also in a file of vectors, where there are many
+    marked += " pixels" * bool(line.get_rasterized())
+    # what was given, whatever `get_linestyle` shows
+    dash = [number(x) for x in line._unscaled_dash_pattern[1] or ()]
     return (
         f"{to_hex(line.get_color())} lw {line.get_linewidth():g} ls {line.get_linestyle()} {' '.join(dash)} "
         f"a {line.get_alpha()} z {line.get_zorder():g}{marked}"
@@ -54,7 +60,11 @@ def of_legend(legend: Legend | None) -> Iterator[str]:
     """Place, columns and entries."""
     if legend is not None:
         box = legend.get_bbox_to_anchor()
-        inverse = (legend.axes or legend.get_figure()).transAxes if legend.axes else legend.get_figure().transSubfigure
+        inverse = (
+            (legend.axes or legend.get_figure()).transAxes
+            if legend.axes
+            else legend.get_figure().transSubfigure
+        )
         corner = inverse.inverted().transform((box.x0, box.y0))
         texts = " | ".join(text.get_text() for text in legend.get_texts())
         title = legend.get_title().get_text()
@@ -78,12 +88,16 @@ def of_axes(ax: Axes) -> Iterator[str]:
         low, high = axis.get_view_interval()
         labels = axis.get_tick_params()
         grid, size = labels.get("grid_on", labels.get("gridOn")), labels.get("labelsize")
-        own = not isinstance(axis.get_major_locator(), AutoLocator)  # whose ticks depend on sizes of texts
+        # whose ticks depend on sizes of texts
+        own = not isinstance(axis.get_major_locator(), AutoLocator)
         if isinstance(axis.get_major_locator(), FixedLocator):  # that of texts at their places
             size = " ".join(
-                f"{text.get_fontsize():g} {text.get_rotation():g}" for text in axis.get_majorticklabels()[:1]
+                f"{text.get_fontsize():g} {text.get_rotation():g}"
+                for text in axis.get_majorticklabels()[:1]
             )
-        ticks = [t for t in axis.get_majorticklocs() if own and min(low, high) <= t <= max(low, high)]
+        ticks = [
+            t for t in axis.get_majorticklocs() if own and min(low, high) <= t <= max(low, high)
+        ]
         texts = axis.get_major_formatter().format_ticks(ticks)
         shown = axis.get_tick_params().get("labelleft" if name == "y" else "labelbottom", True)
         linear = getattr(axis.get_transform(), "linthresh", None)  # of a symmetric logarithm
@@ -96,7 +110,11 @@ def of_axes(ax: Axes) -> Iterator[str]:
     for line in ax.lines:
         yield f"  line {line.get_label()}: {style(line)} x {data(line.get_xdata())} y {data(line.get_ydata())}"
     for patch in ax.patches:
-        box = patch.get_path().vertices @ np.eye(2) if patch.get_transform() is None else patch.get_extents()
+        box = (
+            patch.get_path().vertices @ np.eye(2)
+            if patch.get_transform() is None
+            else patch.get_extents()
+        )
         inverse = ax.transData.inverted().transform(box.get_points())
         color = row(patch.get_facecolor())
         yield f"  patch {row(inverse)} {color} z {patch.get_zorder():g} lw {patch.get_linewidth():g}"
@@ -131,6 +149,14 @@ def of_part(part: Any) -> Iterator[str]:
 def figure_text(figure: Figure) -> list[str]:
     """All lines; no pixel is drawn."""
     title, engine = figure._suptitle, figure.get_layout_engine()
-    pads = "" if engine is None else " ".join(f"{name} {value}" for name, value in engine.get().items())
-    what = "" if title is None else f"{title.get_text()} | {title.get_fontsize():.6g} at {row(title.get_position())}"
+    pads = (
+        ""
+        if engine is None
+        else " ".join(f"{name} {value}" for name, value in engine.get().items())
+    )
+    what = (
+        ""
+        if title is None
+        else f"{title.get_text()} | {title.get_fontsize():.6g} at {row(title.get_position())}"
+    )
     return [f"figure {row(figure.get_size_inches())} {pads}: {what}", *of_part(figure)]

@@ -55,7 +55,9 @@ class Instance:
     def __init__(self, written, kind="CoSimulation", start=(), time=0.0, hold_first=False):
         self.version, self.described = written.details["version"][0], description(written.path)
         self.of = {v.name: v for v in self.described.modelVariables}
-        self.fmu = fmpy.instantiate_fmu(unzipped(written.path), self.described, fmi_type=kind, logger=quiet)
+        self.fmu = fmpy.instantiate_fmu(
+            unzipped(written.path), self.described, fmi_type=kind, logger=quiet
+        )
         for name, value in dict(start).items():
             self.set_start(name, value)
         if self.version == "2":
@@ -74,12 +76,16 @@ class Instance:
     def set_start(self, name, value):
         v = self.of[name]
         if v.type in ("Integer", "Int32"):
-            (self.fmu.setInteger if self.version == "2" else self.fmu.setInt32)([v.valueReference], [int(value)])
+            (self.fmu.setInteger if self.version == "2" else self.fmu.setInt32)(
+                [v.valueReference], [int(value)]
+            )
         else:
             self.put([v.valueReference], [value])
 
     def put(self, references, values):
-        (self.fmu.setReal if self.version == "2" else self.fmu.setFloat64)(list(references), [float(x) for x in values])
+        (self.fmu.setReal if self.version == "2" else self.fmu.setFloat64)(
+            list(references), [float(x) for x in values]
+        )
 
     def get(self, references):
         get = self.fmu.getReal if self.version == "2" else self.fmu.getFloat64
@@ -140,7 +146,9 @@ class Lagrange:
         n_m, i_m = self.model.n_m, list(self.model.i_m)
         parts = self.split(x)
         a_a, a_m, _ = self.function(*parts, u[:n_m], u[n_m:])
-        return np.concatenate([parts[1], parts[3][i_m], np.array(a_a).ravel(), np.array(a_m).ravel()[i_m]])
+        return np.concatenate(
+            [parts[1], parts[3][i_m], np.array(a_a).ravel(), np.array(a_m).ravel()[i_m]]
+        )
 
     @cache  # noqa: B019, instances are few
     def _known(self, start, inputs):
@@ -153,7 +161,15 @@ class Lagrange:
         """States at the communication points: DOP853, a step of which is far below the tolerances of the tests."""
         out = [x]
         for u in inputs:
-            found = solve_ivp(self.rate, (0.0, COMMUNICATION), out[-1], "DOP853", args=(u,), rtol=1e-12, atol=1e-13)
+            found = solve_ivp(
+                self.rate,
+                (0.0, COMMUNICATION),
+                out[-1],
+                "DOP853",
+                args=(u,),
+                rtol=1e-12,
+                atol=1e-13,
+            )
             assert found.success
             out.append(found.y[:, -1])
         return np.array(out)
@@ -185,4 +201,6 @@ def co_simulated(written, inputs, start=()):
 
 def largest_difference(found, expected):
     """Largest difference of a channel, relative to its largest value (at least 1)."""
-    return float((np.abs(found - expected).max(axis=0) / np.maximum(np.abs(expected).max(axis=0), 1.0)).max())
+    return float(
+        (np.abs(found - expected).max(axis=0) / np.maximum(np.abs(expected).max(axis=0), 1.0)).max()
+    )

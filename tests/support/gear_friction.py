@@ -27,7 +27,9 @@ NUMBERS: dict[str, float] = {
 }
 
 
-def loaded(name: str, temperature: float = 20.0, lost_motion: float = 0.0, **changed: float) -> flexgen.RobotModel:
+def loaded(
+    name: str, temperature: float = 20.0, lost_motion: float = 0.0, **changed: float
+) -> flexgen.RobotModel:
     """A model of models/ all of whose motors have this friction; its gears have the ``lost_motion`` [rad]."""
     table: dict[str, Any] = {"type": "gear", **NUMBERS, **changed}
     model = flexgen.read(name)
@@ -67,7 +69,9 @@ def error_in_mujoco(
     start = inverse @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
     lossy, kept = with_lost_motion(name, lost_motion, start)
 
-    def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
+    def law(
+        q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray
+    ) -> Any:
         z, on_motors, _ = lossy(q_g, v_g, q_m, v_m, tau) if lost_motion else (0.0, 0.0, tau)
         load = inverse.T @ (K * (inverse @ q_m - q_g) + D * (inverse @ v_m - v_g) + z)
         return z, on_motors + own * v_m - torque(v_m, load, temperature, **changed), tau

@@ -14,7 +14,8 @@ from flexgen.mechanics.statics import hold_joints
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
-FIRM = 4.0  # factor of the feedback's stiffness, twice that of its damping: the natural frequency is doubled
+# factor of the feedback's stiffness, twice that of its damping: the natural frequency is doubled
+FIRM = 4.0
 START_S = 2.0  # in which the motion begins
 
 
@@ -42,7 +43,8 @@ def record_in_mujoco(
     phases = rng.uniform(0, 2 * np.pi, (lines, model.n_g))
     amplitudes = size / np.sqrt(lines) / (1 + frequencies / 0.7)
 
-    t = step / 2 * np.arange(2 * round(seconds / step) + 3)  # also in the middle of a step, for Runge and Kutta
+    # also in the middle of a step, for Runge and Kutta
+    t = step / 2 * np.arange(2 * round(seconds / step) + 3)
     part = np.minimum(t / START_S, 1.0)[:, None]
     grown, rate = part**3 * (10 - 15 * part + 6 * part**2), 30 * (part * (1 - part)) ** 2 / START_S
     s, ds = (np.zeros((len(t), model.n_g)) for _ in range(2))
@@ -51,12 +53,18 @@ def record_in_mujoco(
         ds += a * 2 * np.pi * f * np.cos(2 * np.pi * f * t[:, None] + phase)
     r, dr = rest.q_m + (grown * s) @ model.eta.T, (rate * s + grown * ds) @ model.eta.T
 
-    of_angles = noise * np.random.default_rng(seed + 50).normal(size=(round(seconds / sample) + 2, model.n_m))
+    of_angles = noise * np.random.default_rng(seed + 50).normal(
+        size=(round(seconds / sample) + 2, model.n_m)
+    )
     of_speeds = np.diff(of_angles, axis=0, prepend=0.0) / sample
 
     def torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         k, n = round(2 * t / step), int(t / sample + 1e-6)
-        return rest.tau_m + stiffness * (r[k] - q - of_angles[n]) + damping * (dr[k] - v - of_speeds[n])
+        return (
+            rest.tau_m
+            + stiffness * (r[k] - q - of_angles[n])
+            + damping * (dr[k] - v - of_speeds[n])
+        )
 
     k_p, k_v = feedback_gains(model)
     stiffness, damping = FIRM * k_p, np.sqrt(FIRM) * k_v
@@ -70,13 +78,20 @@ def record_in_mujoco(
 
     plant.run(0.0, np.concatenate([rest.q_a, rest.q_m]), round(seconds / step), look)
     table = np.array(rows)
-    return motor_record(model, sample * (1 + np.arange(len(table))), table[:, : model.n_m], table[:, model.n_m :])
+    return motor_record(
+        model, sample * (1 + np.arange(len(table))), table[:, : model.n_m], table[:, model.n_m :]
+    )
 
 
-def motor_record(model: flexgen.RobotModel, time: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray) -> Trajectory:
+def motor_record(
+    model: flexgen.RobotModel, time: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray
+) -> Trajectory:
     """A record as a trajectory."""
     names, n = tuple(motor.name for motor in model.motors), model.n_m
-    ports = {"q_m": Port("q_m", (n,), "rad", "angles"), "tau_m": Port("tau_m", (n,), "N m", "torques")}
+    ports = {
+        "q_m": Port("q_m", (n,), "rad", "angles"),
+        "tau_m": Port("tau_m", (n,), "N m", "torques"),
+    }
     return Trajectory(time, {"q_m": q_m, "tau_m": tau_m}, ports, {"q_m": names, "tau_m": names})
 
 

@@ -24,7 +24,8 @@ KINDS = ("gears", "bend", "light rotors", "rigid gears", "bends", "combination")
 MARGIN = 0.1  # of the range of a joint, kept free at either end
 POSES = 6  # at which the load of the joints is estimated
 TRIES = 400  # random starts of a tool line
-REGULAR = 0.08  # least singular value of the tool's Jacobian relative to the largest, lengths measured by the reach
+# least singular value of the tool's Jacobian relative to the largest, lengths measured by the reach
+REGULAR = 0.08
 NEAR = 0.03  # the same for joint moves
 
 
@@ -42,37 +43,65 @@ FAMILIES = {
     "ur5": Family("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0", "tool_pose"),
     "go2 leg": Family("go2_description/urdf/go2.urdf", "base", "FL_foot", "tool_position"),
     "panda": Family("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp"),
-    "talos leg": Family("talos_data/robots/talos_reduced.urdf", "base_link", "left_sole_link", "tool_pose"),
-    "finger": Family("finger_edu_description/robots/finger_edu.urdf", "base_link", "finger_tip_link", "tool_position"),
+    "talos leg": Family(
+        "talos_data/robots/talos_reduced.urdf", "base_link", "left_sole_link", "tool_pose"
+    ),
+    "finger": Family(
+        "finger_edu_description/robots/finger_edu.urdf",
+        "base_link",
+        "finger_tip_link",
+        "tool_position",
+    ),
     "z1": Family("z1_description/urdf/z1.urdf", "link00", "gripperStator", "tool_pose"),
-    "solo leg": Family("solo_description/robots/solo12.urdf", "base_link", "FL_FOOT", "tool_position"),
+    "solo leg": Family(
+        "solo_description/robots/solo12.urdf", "base_link", "FL_FOOT", "tool_position"
+    ),
     "ur10": Family("ur_description/urdf/ur10_robot.urdf", "base_link", "tool0", "tool_pose"),
     "xarm7": Family("xarm_description/urdf/xarm7.urdf", "link_base", "link_eef"),
-    "anymal leg": Family("anymal_c_simple_description/urdf/anymal.urdf", "base", "RF_FOOT", "tool_position"),
-    "tiago arm": Family("tiago_description/robots/tiago_no_hand.urdf", "torso_lift_link", "wrist_ft_tool_link"),
-    "double pendulum": Family("double_pendulum_description/urdf/double_pendulum.urdf", "base_link", "link2"),
+    "anymal leg": Family(
+        "anymal_c_simple_description/urdf/anymal.urdf", "base", "RF_FOOT", "tool_position"
+    ),
+    "tiago arm": Family(
+        "tiago_description/robots/tiago_no_hand.urdf", "torso_lift_link", "wrist_ft_tool_link"
+    ),
+    "double pendulum": Family(
+        "double_pendulum_description/urdf/double_pendulum.urdf", "base_link", "link2"
+    ),
     "kinova": Family(
-        "anymal_b_simple_description/robots/anymal-kinova.urdf", "base", "j2s6s200_end_effector", "tool_pose"
+        "anymal_b_simple_description/robots/anymal-kinova.urdf",
+        "base",
+        "j2s6s200_end_effector",
+        "tool_pose",
     ),
     "b1 leg": Family("b1_description/urdf/b1.urdf", "trunk", "FL_foot", "tool_position"),
     "ur3": Family("ur_description/urdf/ur3_robot.urdf", "base_link", "tool0", "tool_pose"),
     "talos arm": Family("talos_data/robots/talos_reduced.urdf", "torso_2_link", "arm_left_7_link"),
-    "laikago leg": Family("laikago_description/urdf/laikago.urdf", "trunk", "FL_foot", "tool_position"),
+    "laikago leg": Family(
+        "laikago_description/urdf/laikago.urdf", "trunk", "FL_foot", "tool_position"
+    ),
     "so100": Family("so_arm_description/urdf/so100.urdf", "base", "wrist"),
     "baxter arm": Family("baxter_description/urdf/baxter.urdf", "torso", "left_wrist"),
     "a1 leg": Family("a1_description/urdf/a1.urdf", "base", "FR_foot", "tool_position"),
-    "g1 leg": Family("g1_description/urdf/g1_29dof_rev_1_0.urdf", "pelvis", "left_ankle_roll_link", "tool_pose"),
+    "g1 leg": Family(
+        "g1_description/urdf/g1_29dof_rev_1_0.urdf", "pelvis", "left_ankle_roll_link", "tool_pose"
+    ),
     "pr2 arm": Family("pr2_description/urdf/pr2.urdf", "torso_lift_link", "r_gripper_tool_frame"),
     "go1 leg": Family("go1_description/urdf/go1.urdf", "base", "FL_foot", "tool_position"),
-    "g1 arm": Family("g1_description/urdf/g1_29dof_rev_1_0.urdf", "torso_link", "left_wrist_yaw_link"),
-    "romeo leg": Family("romeo_description/urdf/romeo_small.urdf", "base_link", "l_sole", "tool_pose"),
+    "g1 arm": Family(
+        "g1_description/urdf/g1_29dof_rev_1_0.urdf", "torso_link", "left_wrist_yaw_link"
+    ),
+    "romeo leg": Family(
+        "romeo_description/urdf/romeo_small.urdf", "base_link", "l_sole", "tool_pose"
+    ),
 }
 
 
 def robots_folder() -> Path | None:
     """The folder of the URDF files, or None where the package is not installed."""
     try:
-        found = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
+        found = distribution("example-robot-data").locate_file(
+            "cmeel.prefix/share/example-robot-data/robots"
+        )
     except PackageNotFoundError:
         return None
     folder = Path(str(found))
@@ -95,7 +124,9 @@ def generated_robot(number: int, folder: Path, out: Path) -> Path:
     output, weights = _output(rng, kind, chain)
     moves = [_move(rng, k, chain, weights) for k in range(MOVES)]
     path = out / f"{name}.toml"
-    path.write_text("\n".join([chain.head(name), *elasticity, output, *moves]) + "\n", encoding="utf-8")
+    path.write_text(
+        "\n".join([chain.head(name), *elasticity, output, *moves]) + "\n", encoding="utf-8"
+    )
     return path
 
 
@@ -117,7 +148,9 @@ class _Chain:
         self.n = len(self.joints)
         rng = np.random.default_rng(7)
         limits = self.limits
-        pairs = [(-2.5, 2.5) if x is None or x.lower is None else (x.lower, x.upper) for x in limits]
+        pairs = [
+            (-2.5, 2.5) if x is None or x.lower is None else (x.lower, x.upper) for x in limits
+        ]
         self.lower = np.array([max(low, -2.5) for low, _ in pairs])
         self.upper = np.array([min(high, 2.5) for _, high in pairs])
         margin = MARGIN * (self.upper - self.lower)
@@ -154,7 +187,11 @@ class _Chain:
             lines += [f"[joint.{quoted(joint.name)}]", f'rename = "q{k + 1}"']
             if limit is None:
                 lines.append("limits = false")
-            lines += [f"[link.{quoted(joint.child)}]", f'rename = "link{k + 1}"', "inertia_reduced = true"]
+            lines += [
+                f"[link.{quoted(joint.child)}]",
+                f'rename = "link{k + 1}"',
+                "inertia_reduced = true",
+            ]
         if family.tip not in [joint.child for joint in self.joints]:
             lines += [f"[link.{quoted(family.tip)}]", 'rename = "tip"']
         return "\n".join(lines)
@@ -223,13 +260,20 @@ def _elasticity(rng: np.random.Generator, kind: str, chain: _Chain) -> list[str]
         share = _spread(rng, 2e-3, 2e-2) if kind == "light rotors" else _spread(rng, 0.2, 2.0)
         rotor, load = share * chain.inertia[k], chain.inertia[k]
         law = ""
-        if friction:  # a twentieth of the class as Coulomb friction, full at 0.02 rad/s of the joint
+        # a twentieth of the class as Coulomb friction, full at 0.02 rad/s of the joint
+        if friction:
             law = f", friction = {{ coulomb = {0.05 * chain.torque[k] / ratio:.6g}, beta = {50 / ratio:.6g} }}"
-        lines += [f"[joint.{quoted(joint.name)}.motor]", f"ratio = {ratio}", f"inertia = {rotor / ratio**2:.6g}"]
+        lines += [
+            f"[joint.{quoted(joint.name)}.motor]",
+            f"ratio = {ratio}",
+            f"inertia = {rotor / ratio**2:.6g}",
+        ]
         if law:
             lines[-1] += "\n" + law[2:]
         if kind != "rigid gears":
-            damping = 2 * rng.uniform(0.01, 0.05) * np.sqrt(stiffness[k] * rotor * load / (rotor + load))
+            damping = (
+                2 * rng.uniform(0.01, 0.05) * np.sqrt(stiffness[k] * rotor * load / (rotor + load))
+            )
             spring = f'type = "linear", stiffness = {stiffness[k]:.6g}'
             lines += [
                 f"[joint.{quoted(joint.name)}.gear]",
@@ -245,7 +289,13 @@ def _elasticity(rng: np.random.Generator, kind: str, chain: _Chain) -> list[str]
 def _bend(rng: np.random.Generator, chain: _Chain, k: int, stiffness: float) -> list[str]:
     """A non-actuated spring before or after joint k, across its axis: one to five times as stiff as the gear."""
     joint = chain.joints[k]
-    along = int(np.argmax(np.abs(next(c.dof.axis for c in chain.equations.model.coordinates if c.name == f"q{k + 1}"))))
+    along = int(
+        np.argmax(
+            np.abs(
+                next(c.dof.axis for c in chain.equations.model.coordinates if c.name == f"q{k + 1}")
+            )
+        )
+    )
     across = int(rng.choice([i for i in range(3) if i != along]))
     spring = stiffness * _spread(rng, 1.0, 5.0)
     damping = 2 * rng.uniform(0.01, 0.05) * np.sqrt(spring * chain.inertia[k])
@@ -262,8 +312,13 @@ def _output(rng: np.random.Generator, kind: str, chain: _Chain) -> tuple[str, np
         return f'[output]\ntype = "{chain.family.tool}"', None
     weights = np.eye(chain.n)
     if kind == "combination":
-        weights = np.round(weights + rng.uniform(-0.3, 0.3, (chain.n, chain.n)) / np.sqrt(chain.n), 3)
-    rows = ["{ " + ", ".join(f"q{k + 1} = {w:.6g}" for k, w in enumerate(row) if w) + " }" for row in weights.tolist()]
+        weights = np.round(
+            weights + rng.uniform(-0.3, 0.3, (chain.n, chain.n)) / np.sqrt(chain.n), 3
+        )
+    rows = [
+        "{ " + ", ".join(f"q{k + 1} = {w:.6g}" for k, w in enumerate(row) if w) + " }"
+        for row in weights.tolist()
+    ]
     return f'[output]\ntype = "combination"\nunit = "rad"\nrows = [{", ".join(rows)}]', weights
 
 
@@ -304,7 +359,9 @@ def _line(rng: np.random.Generator, chain: _Chain) -> tuple[list[float], list[fl
     for _ in range(TRIES):
         start = np.round(rng.uniform(chain.lower, chain.upper), 4)
         direction = rng.normal(size=3)
-        displacement = np.round(direction / np.linalg.norm(direction) * rng.uniform(0.05, 0.15) * reach, 5)
+        displacement = np.round(
+            direction / np.linalg.norm(direction) * rng.uniform(0.05, 0.15) * reach, 5
+        )
         if _is_regular(chain, start, displacement, reach):
             return start.tolist(), displacement.tolist()
     raise FlexgenError(f"{chain.file.name}: no line of the tool was found in {TRIES} tries")
@@ -315,7 +372,9 @@ def _is_away(chain: _Chain, first: np.ndarray, last: np.ndarray) -> bool:
     rows = slice(0, 6 if chain.family.tool == "tool_pose" else 3)
     scale = np.r_[np.ones(3) / chain.reach(), np.ones(3)][rows]
     for share in np.linspace(0.0, 1.0, 41):
-        sizes = np.linalg.svd(scale[:, None] * chain.pose(first + share * (last - first))[2][rows], compute_uv=False)
+        sizes = np.linalg.svd(
+            scale[:, None] * chain.pose(first + share * (last - first))[2][rows], compute_uv=False
+        )
         if sizes[-1] < NEAR * sizes[0]:
             return False
     return True

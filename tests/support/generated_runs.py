@@ -48,14 +48,22 @@ def solve_moves(number: int, first: int, last: int, out: Path) -> None:
         equations = flexgen.derive(robot_of(number, folder, out))
     except flexgen.FlexgenError as error:
         for k in range(first, last):
-            say({**robot, "move": k, "outcome": "refused", "reason": f"{type(error).__name__}: {error}"})
+            say(
+                {
+                    **robot,
+                    "move": k,
+                    "outcome": "refused",
+                    "reason": f"{type(error).__name__}: {error}",
+                }
+            )
         return
     for k in range(first, last):
         say({"begin": k})
         wall, cpu = time.perf_counter(), time.process_time()
         row: dict[str, Any] = {**robot, "move": k}
         try:
-            solution = flexgen.solve(equations, f"m{k}", ignore_limits=True)  # effort of the URDF file
+            # effort of the URDF file
+            solution = flexgen.solve(equations, f"m{k}", ignore_limits=True)
         except flexgen.FlexgenError as error:
             row |= {"outcome": "refused", "reason": f"{type(error).__name__}: {error}"}
             solution = None
@@ -114,7 +122,15 @@ def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dic
     first = next((k for k in range(moves) if k not in done), moves)
     while first < moves:
         with tempfile.TemporaryDirectory() as folder:
-            arguments = [sys.executable, __file__, "--robot", str(number), str(first), str(moves), folder]
+            arguments = [
+                sys.executable,
+                __file__,
+                "--robot",
+                str(number),
+                str(first),
+                str(moves),
+                folder,
+            ]
             process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
             deadline = [time.monotonic() + START + REFEREE + limit]
             stop = threading.Event()
@@ -143,12 +159,21 @@ def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dic
         if first < moves and code != 0:  # ended by the watch, or it crashed
             late = code == -9
             reason = f"no result within {limit:g} s" if late else f"the process ended with {code}"
-            rows.append({"robot": number, "move": begun, "outcome": "time" if late else "crash", "reason": reason})
+            rows.append(
+                {
+                    "robot": number,
+                    "move": begun,
+                    "outcome": "time" if late else "crash",
+                    "reason": reason,
+                }
+            )
             first = begun + 1
     return [row for row in rows if row["move"] not in done]
 
 
-def run(first: int, last: int, results: Path | None, moves: int, limit: float = LIMIT) -> list[dict[str, Any]]:
+def run(
+    first: int, last: int, results: Path | None, moves: int, limit: float = LIMIT
+) -> list[dict[str, Any]]:
     """All results of robots first ... last - 1; with a file, those in it are not computed again."""
     rows = json.loads(results.read_text()) if results is not None and results.is_file() else []
     for number in range(first, last):
@@ -164,4 +189,9 @@ if __name__ == "__main__":
         solve_moves(*map(int, sys.argv[2:5]), Path(sys.argv[5]))
     else:
         for result in run(int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]), 5):
-            print({key: result.get(key) for key in ("robot", "family", "kind", "move", "outcome", "cpu_s", "reason")})
+            print(
+                {
+                    key: result.get(key)
+                    for key in ("robot", "family", "kind", "move", "outcome", "cpu_s", "reason")
+                }
+            )

@@ -40,4 +40,6 @@ def changes(golden: Path, names: Iterable[str], lines: Callable[[str], list[str]
 
 def write(golden: Path, names: Iterable[str], lines: Callable[[str], list[str]]) -> None:
     """Write a file anew."""
-    golden.write_text("".join("\n".join([MARK + name, *lines(name), ""]) for name in names), encoding="utf-8")
+    golden.write_text(
+        "".join("\n".join([MARK + name, *lines(name), ""]) for name in names), encoding="utf-8"
+    )

@@ -123,7 +123,9 @@ def interface() -> str:
     def listed(ports: str) -> str:
         return "".join(f"{port}[{','.join(map(str, PORTS[port]))}]" for port in ports.split())
 
-    lines = [f"{f}({listed(inputs)})({listed(outputs)})\n" for f, (inputs, outputs) in FUNCTIONS.items()]
+    lines = [
+        f"{f}({listed(inputs)})({listed(outputs)})\n" for f, (inputs, outputs) in FUNCTIONS.items()
+    ]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
@@ -153,7 +155,11 @@ def compiled(
     key = hashlib.sha256(repr((real, abi, sizeof_int, digest, name)).encode()).hexdigest()[:16]
     source, library = _scratch() / f"{key}.c", _scratch() / f"{key}.so"
     texts = [f"#define REAL {real}", f"#define ABI {abi}", f"#define SIZEOF_INT {sizeof_int}"]
-    texts += [f'#define DIGEST "{digest}"', f'#define INTERFACE "{interface()}"', f"#define NAME(f) {name}_##f"]
+    texts += [
+        f'#define DIGEST "{digest}"',
+        f'#define INTERFACE "{interface()}"',
+        f"#define NAME(f) {name}_##f",
+    ]
     source.write_text("\n".join([*texts, _SOURCE]))
     assert CC is not None
     flags = ["-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-shared"]
@@ -169,7 +175,10 @@ def install(folder: Path, content: bytes, *, name: str = "hand", **changes: Any)
     (folder / file).write_bytes(content)
 
     def described(ports: str) -> list[dict[str, Any]]:
-        return [{"name": port, "shape": PORTS[port], "unit": "1", "doc": "a port"} for port in ports.split()]
+        return [
+            {"name": port, "shape": PORTS[port], "unit": "1", "doc": "a port"}
+            for port in ports.split()
+        ]
 
     manifest = {
         "format": FORMAT,
@@ -181,7 +190,10 @@ def install(folder: Path, content: bytes, *, name: str = "hand", **changes: Any)
         "coordinates": [{"name": "one", "unit": "rad"}, {"name": "two", "unit": "rad"}],
         "motors": [],
         "states": [],
-        "parameters": [{"name": "first", "value": 2.0, "unit": "1"}, {"name": "second", "value": 0.25, "unit": "1"}],
+        "parameters": [
+            {"name": "first", "value": 2.0, "unit": "1"},
+            {"name": "second", "value": 0.25, "unit": "1"},
+        ],
         "statuses": [vars(status) for status in STATUSES],
         "functions": [
             {

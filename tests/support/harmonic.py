@@ -12,12 +12,19 @@ import flexgen
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.trajectory import Trajectory
 
-ERROR = {"harmonics": [1, 2], "cos": [0.2 * ARCMIN, -0.35 * ARCMIN], "sin": [-0.1 * ARCMIN, 0.25 * ARCMIN]}  # rad
+# rad
+ERROR = {
+    "harmonics": [1, 2],
+    "cos": [0.2 * ARCMIN, -0.35 * ARCMIN],
+    "sin": [-0.1 * ARCMIN, 0.25 * ARCMIN],
+}
 COGGING = {"harmonics": [2, 6], "cos": [0.02, -0.03], "sin": [0.05, 0.01]}  # N m
 RIPPLE = {"harmonics": [1, 6], "cos": [0.02, 0.01], "sin": [-0.01, 0.015]}
 
 
-def harmonic(name: str, size: float = 1.0, error: bool = True, torque: bool = True) -> flexgen.RobotModel:
+def harmonic(
+    name: str, size: float = 1.0, error: bool = True, torque: bool = True
+) -> flexgen.RobotModel:
     """A model of models/ with sums of the motor angles in all gears and motors, ``size`` times those above."""
 
     def sized(table: dict[str, Any]) -> dict[str, Any]:
@@ -27,10 +34,15 @@ def harmonic(name: str, size: float = 1.0, error: bool = True, torque: bool = Tr
     for element in flexgen.read(name).elements:
         for dof in element.dofs:
             if dof.gear is not None and dof.gear.spring is not None and error:
-                made[f"element.{element.name}.dof.{dof.name}.gear.transmission_error"] = sized(ERROR)
+                made[f"element.{element.name}.dof.{dof.name}.gear.transmission_error"] = sized(
+                    ERROR
+                )
     for motor in flexgen.read(name).motors:
         if torque:
-            made |= {f"motor.{motor.name}.cogging": sized(COGGING), f"motor.{motor.name}.torque_ripple": sized(RIPPLE)}
+            made |= {
+                f"motor.{motor.name}.cogging": sized(COGGING),
+                f"motor.{motor.name}.torque_ripple": sized(RIPPLE),
+            }
     return with_friction(flexgen.read(name, overrides=made), "viscous")
 
 
@@ -40,7 +52,10 @@ def value(table: dict[str, Any], q: np.ndarray, order: int = 0) -> np.ndarray:
     for angle in np.ravel(q).tolist():
         parts = zip(table["harmonics"], table["cos"], table["sin"], strict=True)
         out.append(
-            sum(k**order * (c * math.cos(k * angle + shift) + s * math.sin(k * angle + shift)) for k, c, s in parts)
+            sum(
+                k**order * (c * math.cos(k * angle + shift) + s * math.sin(k * angle + shift))
+                for k, c, s in parts
+            )
         )
     return np.array(out).reshape(np.shape(q))
 
@@ -54,11 +69,15 @@ def law_with_sums(name: str, size: float = 1.0, ripple: float = 1.0) -> Law:
     D = np.array(
         [
             gear.damping * (n**2 if gear.side == "motor" else 1.0)
-            for gear, n in zip((model.coordinates[i].dof.gear for i in model.i_g), ratios, strict=True)
+            for gear, n in zip(
+                (model.coordinates[i].dof.gear for i in model.i_g), ratios, strict=True
+            )
         ]
     )
 
-    def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
+    def law(
+        q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray
+    ) -> Any:
         e, slope = size * value(ERROR, q_m), size * value(ERROR, q_m, 1)
         plain = K * (q_m / ratios - q_g) + D * (v_m / ratios - v_g)  # MuJoCo has these
         torque = plain - K * e - D * slope * v_m

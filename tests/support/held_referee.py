@@ -38,7 +38,9 @@ def confirmed_error(solution: Solution, command: TorqueCommand, after: float) ->
         for key in ("y_ref", "R_ref")
     )
     assert y_ref is not None
-    edges = np.concatenate([time[:1], arrivals[(arrivals > time[0]) & (arrivals < time[-1])], time[-1:]])
+    edges = np.concatenate(
+        [time[:1], arrivals[(arrivals > time[0]) & (arrivals < time[-1])], time[-1:]]
+    )
     edges = edges[np.append(np.diff(edges) > 1e-9, True)]
     x = np.concatenate([t["q_a"][0], t["q_m"][0][i_m], np.zeros(n)])
     worst = 0.0
@@ -52,11 +54,18 @@ def confirmed_error(solution: Solution, command: TorqueCommand, after: float) ->
             return np.concatenate([x[n:], a_a, a_m[i_m]])
 
         at = np.flatnonzero((time > begin + 1e-9) & (time <= end + 1e-9))
-        found = solve_ivp(rate, (begin, end), x, method="DOP853", rtol=1e-9, atol=1e-11, dense_output=True)
+        found = solve_ivp(
+            rate, (begin, end), x, method="DOP853", rtol=1e-9, atol=1e-11, dense_output=True
+        )
         if len(at):
             states = found.sol(np.minimum(time[at], end))
             worst = max(
-                worst, float(output_error(pin, states[:n_a].T, y_ref[at], None if R_ref is None else R_ref[at]).max())
+                worst,
+                float(
+                    output_error(
+                        pin, states[:n_a].T, y_ref[at], None if R_ref is None else R_ref[at]
+                    ).max()
+                ),
             )
         x = found.y[:, -1]
     return worst

@@ -83,7 +83,12 @@ def target(model: Any, folder: FilePath, move: str | None = None, singular: int 
     y = sample.y[:, :, 0]
     if sample.R is not None:
         y = np.hstack([y, sample.R.transpose(0, 2, 1).reshape(SAMPLES, 9)])
-    given = {"y": y, "dy": sample.derivative(1), "ddy": sample.derivative(2), "q_start": path.q_start}
+    given = {
+        "y": y,
+        "dy": sample.derivative(1),
+        "ddy": sample.derivative(2),
+        "q_start": path.q_start,
+    }
     sizes = {key: library.sizes[key] for key in ("n_a", "n_g", "n_m", "n_y", "n_t")}
     structs = structs_of(json.loads((made.directory / "manifest.json").read_text()))
     entry = ctypes.CDLL(str(library_of(made.directory)))
@@ -159,10 +164,15 @@ def invert(target: Target, call: Call) -> MethodResult:
     arrays = {**given, **{key: x for key, (x, _) in numbers.items()}}
     at = {key: None if key == call.null else x.ctypes.data for key, x in arrays.items()}
     numbers["options"] = options
-    numbers["path"] = guarded_struct(structs["samples"], n=n, period=call.period, y=at["y"], dy=at["dy"], ddy=at["ddy"])
+    numbers["path"] = guarded_struct(
+        structs["samples"], n=n, period=call.period, y=at["y"], dy=at["dy"], ddy=at["ddy"]
+    )
     numbers["motion"] = guarded_struct(structs["motion"], **{key: at[key] for key in OUTPUTS})
     numbers["info"] = guarded_struct(structs["invert_info"])
-    where = {key: ctypes.c_void_p(None if key == call.null else numbers[key][0].ctypes.data) for key in STRUCTURES}
+    where = {
+        key: ctypes.c_void_p(None if key == call.null else numbers[key][0].ctypes.data)
+        for key in STRUCTURES
+    }
     status = target.function("invert")(
         where["path"],
         ctypes.c_void_p(at["q_start"]),
@@ -175,11 +185,15 @@ def invert(target: Target, call: Call) -> MethodResult:
     spilled = not all(untouched(block) for _, block in numbers.values())
     results = {key: arrays[key].reshape(total, -1) for key in OUTPUTS} if status >= 0 else {}
     info = structs["invert_info"].from_buffer(numbers["info"][0])
-    report = np.array([info.residual, info.residual_at_samples, info.kinematic_mismatch, info.torque_error])
+    report = np.array(
+        [info.residual, info.residual_at_samples, info.kinematic_mismatch, info.torque_error]
+    )
     return MethodResult(status, report, spilled, results)
 
 
-def guarded_struct(structure: type[ctypes.Structure], **members: Any) -> tuple[np.ndarray, np.ndarray]:
+def guarded_struct(
+    structure: type[ctypes.Structure], **members: Any
+) -> tuple[np.ndarray, np.ndarray]:
     """The bytes of a struct as numbers, and the block that it lies in, with sentinels on both sides."""
     numbers, block = guarded(-(-ctypes.sizeof(structure) // 8))
     made = bytes(struct_of(structure, **members))
@@ -191,7 +205,12 @@ class Streamed:
     """A stream of C in memory of the exact size, or smaller."""
 
     def __init__(
-        self, target: Target, intervals: int, samples_per_interval: int, short: int = 0, fill: float = 0.0
+        self,
+        target: Target,
+        intervals: int,
+        samples_per_interval: int,
+        short: int = 0,
+        fill: float = 0.0,
     ) -> None:
         self.target, self.samples_per_interval = target, samples_per_interval
         self.counts = {"intervals": intervals, "samples_per_interval": samples_per_interval}
@@ -204,7 +223,11 @@ class Streamed:
         rows = samples_per_interval if size > 0 else 1
         widths = (s["n_a"], s["n_a"], s["n_g"], s["n_m"], s["n_m"], s["n_m"])
         self.out = dict(
-            zip(("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m"), (guarded(rows * w) for w in widths), strict=True)
+            zip(
+                ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m"),
+                (guarded(rows * w) for w in widths),
+                strict=True,
+            )
         )
         members = {key: x.ctypes.data for key, (x, _) in self.out.items()}
         self.motion = guarded_struct(target.structs["motion"], **members)
@@ -217,17 +240,29 @@ class Streamed:
         return struct_of(self.target.structs["stream"], memory=at, size=self.size)
 
     def start(self, y: Any, q_start: Any, period: float, tolerance: float = 1e-6) -> int:
-        options = struct_of(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
+        options = struct_of(
+            self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance
+        )
         return self.target.function("stream_start")(
             ctypes.byref(self.handle),
             ctypes.byref(options),
-            *(pointer(None if x is None else np.ascontiguousarray(x, dtype=float)) for x in (y, q_start)),
+            *(
+                pointer(None if x is None else np.ascontiguousarray(x, dtype=float))
+                for x in (y, q_start)
+            ),
         )
 
-    def start_moving(self, path: dict[str, Any], q_start: Any, period: float, tolerance: float = 1e-6) -> int:
+    def start_moving(
+        self, path: dict[str, Any], q_start: Any, period: float, tolerance: float = 1e-6
+    ) -> int:
         """``path``: members of its struct; arrays or None."""
-        options = struct_of(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
-        kept = {key: np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for key, x in path.items()}
+        options = struct_of(
+            self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance
+        )
+        kept = {
+            key: np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
+            for key, x in path.items()
+        }
         given = struct_of(self.target.structs["samples"], **kept)
         return self.target.function("stream_start_moving")(
             ctypes.byref(self.handle),
@@ -239,12 +274,18 @@ class Streamed:
     def update(self, y: Any, dy: Any, ddy: Any) -> int:
         given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (y, dy, ddy)]
         where = (*given, self.motion[0], self.info[0])
-        return self.target.function("stream_update")(ctypes.byref(self.handle), *map(pointer, where))
+        return self.target.function("stream_update")(
+            ctypes.byref(self.handle), *map(pointer, where)
+        )
 
     def limits(self, torque: Any, speed: Any, deviation: float = 0.1) -> int:
-        given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (torque, speed)]
+        given = [
+            None if x is None else np.ascontiguousarray(x, dtype=float) for x in (torque, speed)
+        ]
         largest = ctypes.c_double(deviation)
-        return self.target.function("stream_limits")(ctypes.byref(self.handle), *map(pointer, given), largest)
+        return self.target.function("stream_limits")(
+            ctypes.byref(self.handle), *map(pointer, given), largest
+        )
 
     def all_limits(self, deviation: float = 0.1, **members: Any) -> int:
         """Members of the struct: arrays, numbers or None."""
@@ -269,7 +310,8 @@ class Streamed:
 # --- what is wrong with a call ----------------------------------------------------------------------------------------
 Spoiler = Callable[[Target, np.random.Generator], tuple[Call, set[str]]]
 FOUND = {"OK", "TOLERANCE_NOT_MET"}  # results that are there
-LOST = {"UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE"}  # results that are not, where the path is to blame
+# results that are not, where the path is to blame
+LOST = {"UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE"}
 
 
 def plain(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
@@ -291,7 +333,15 @@ def not_finite(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]
 
 def bad_number(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     name = str(rng.choice(["period", "tolerance"]))
-    values = [np.nan, np.inf, -np.inf, 0.0, -0.0, -1.0, *((1e6, 1e300) if name == "period" else (1.0, 2.0))]
+    values = [
+        np.nan,
+        np.inf,
+        -np.inf,
+        0.0,
+        -0.0,
+        -1.0,
+        *((1e6, 1e300) if name == "period" else (1.0, 2.0)),
+    ]
     return call_of(target, **{name: float(rng.choice(values))}), {"BAD_ARGUMENT"}
 
 
@@ -426,11 +476,15 @@ def far_start(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]
 
 
 def two_samples(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    ends = {key: target.path[key][[0, -1 if rng.random() < 0.5 else 0]] for key in ("y", "dy", "ddy")}
+    ends = {
+        key: target.path[key][[0, -1 if rng.random() < 0.5 else 0]] for key in ("y", "dy", "ddy")
+    }
     ends["dy"], ends["ddy"] = 0 * ends["dy"], 0 * ends["ddy"]
     period = float(rng.choice([1e-3, 0.3, 3.0]))
     sizes = {key: int(rng.choice([0, 1, 5])) for key in ("n_pre", "n_post")}
-    return call_of(target, **ends, **sizes, period=period, samples_per_interval=int(rng.choice([1, 7, 10**6]))), (
+    return call_of(
+        target, **ends, **sizes, period=period, samples_per_interval=int(rng.choice([1, 7, 10**6]))
+    ), (
         FOUND | LOST | {"BAD_ARGUMENT"}  # half a turn in one sample
     )
 
@@ -442,7 +496,9 @@ def no_rotation(target: Target, rng: np.random.Generator) -> tuple[Call, set[str
         return null(target, rng)
     k = int(rng.integers(1, len(call.y)))
     R = call.y[k, 3:].reshape(3, 3).T
-    changed = [1.001 * R, -R, R + 1e-3, R @ np.diag([1.0, -1.0, -1.0]), 0 * R, 1e200 * R][rng.integers(6)]
+    changed = [1.001 * R, -R, R + 1e-3, R @ np.diag([1.0, -1.0, -1.0]), 0 * R, 1e200 * R][
+        rng.integers(6)
+    ]
     call.y[k, 3:] = changed.T.ravel()
     return call, {"BAD_ARGUMENT"}
 

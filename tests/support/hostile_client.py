@@ -14,7 +14,13 @@ import numpy as np
 from hostile import ARRAYS, OUTPUTS, STRUCTURES, Call, Target
 from toolchain import CC
 
-SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
+SANITIZE = [
+    "-g",
+    "-O0",
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+    "-fno-omit-frame-pointer",
+]
 
 NULLS = (*ARRAYS, *OUTPUTS, "work", *STRUCTURES)
 
@@ -301,7 +307,12 @@ def statuses(command: list[str], records: list[list[float]], folder: Path) -> li
     given = np.array([x for record in [*records, [0]] for x in record]).tobytes()
     done = subprocess.run(command, input=given, cwd=folder, capture_output=True, check=False)
     said = done.stderr.decode(errors="replace")
-    assert done.returncode == 0, (done.returncode, len(done.stdout.split()), len(records), said[:3000])
+    assert done.returncode == 0, (
+        done.returncode,
+        len(done.stdout.split()),
+        len(records),
+        said[:3000],
+    )
     return [int(word) for word in done.stdout.split()]
 
 
@@ -309,5 +320,10 @@ def statuses(command: list[str], records: list[list[float]], folder: Path) -> li
 def can_sanitize(folder: Path) -> bool:
     """Whether the compiler has both sanitizers, and programs with them start."""
     (folder / "try.c").write_text("int main(void) { return 0; }\n", encoding="ascii")
-    built = subprocess.run([str(CC), *SANITIZE, "try.c", "-o", "try"], cwd=folder, capture_output=True, check=False)
-    return built.returncode == 0 and subprocess.run([folder / "try"], capture_output=True, check=False).returncode == 0
+    built = subprocess.run(
+        [str(CC), *SANITIZE, "try.c", "-o", "try"], cwd=folder, capture_output=True, check=False
+    )
+    return (
+        built.returncode == 0
+        and subprocess.run([folder / "try"], capture_output=True, check=False).returncode == 0
+    )

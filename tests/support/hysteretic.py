@@ -20,14 +20,19 @@ ARCMIN = np.pi / 180 / 60
 FREQUENCY = 10.0  # Hz, of the motor feedback
 
 
-def hysteretic(name: str, lost_motion: float = ARCMIN, share: float = 1.0, **overrides: Any) -> flexgen.RobotModel:
+def hysteretic(
+    name: str, lost_motion: float = ARCMIN, share: float = 1.0, **overrides: Any
+) -> flexgen.RobotModel:
     """A model of models/ whose elastic gears have hysteresis; K_h is ``share`` of their stiffness."""
     made = dict(overrides)
     for element in flexgen.read(name).elements:
         for dof in element.dofs:
             if dof.gear is not None and dof.gear.spring is not None:
                 key = f"element.{element.name}.dof.{dof.name}.gear.hysteresis"
-                made[key] = {"lost_motion": lost_motion, "stiffness": share * dof.gear.spring.stiffness}
+                made[key] = {
+                    "lost_motion": lost_motion,
+                    "stiffness": share * dof.gear.spring.stiffness,
+                }
     return with_friction(flexgen.read(name, overrides=made), "viscous")
 
 
@@ -78,7 +83,9 @@ SLIPS = (Element(0.2, 0.5), Element(0.3, 0.3), Element(0.5, 0.2))  # of one arcm
 BENT = (Element(0.2, 0.5, 1.0, 0.3), Element(0.3, 0.3, 2.0, 0.5), Element(0.5, 0.2, 3.7, -0.4))
 
 
-def with_elements(name: str, elements: Sequence[Element], factor: float = 1.0, **overrides: Any) -> flexgen.RobotModel:
+def with_elements(
+    name: str, elements: Sequence[Element], factor: float = 1.0, **overrides: Any
+) -> flexgen.RobotModel:
     """A model of models/ whose elastic gears have these elements; their lost motions add up to ``factor`` ARCMIN."""
     made = dict(overrides)
     for element in flexgen.read(name).elements:
@@ -104,9 +111,13 @@ def with_law(name: str, factor: float = 1.0, **overrides: Any) -> flexgen.RobotM
         if dof.gear is None or dof.gear.hysteresis is None:
             return dof
         own = dof.gear.hysteresis
-        return replace(dof, gear=replace(dof.gear, hysteresis=Logistic(own.lost_motion, own.stiffness)))
+        return replace(
+            dof, gear=replace(dof.gear, hysteresis=Logistic(own.lost_motion, own.stiffness))
+        )
 
-    elements = (replace(element, dofs=tuple(map(changed, element.dofs))) for element in model.elements)
+    elements = (
+        replace(element, dofs=tuple(map(changed, element.dofs))) for element in model.elements
+    )
     return replace(model, elements=tuple(elements))
 
 
@@ -187,10 +198,17 @@ class Plant:
     ) -> None:
         import mujoco
 
-        self.model, self.law, self.kept, self.torque = with_friction(flexgen.read(name), "viscous"), law, kept, torque
+        self.model, self.law, self.kept, self.torque = (
+            with_friction(flexgen.read(name), "viscous"),
+            law,
+            kept,
+            torque,
+        )
         self.m = mujoco.MjModel.from_xml_string(mjcf(self.model))
         self.d = mujoco.MjData(self.m)
-        names = [c.name for c in self.model.coordinates] + [f"rotor.{motor.name}" for motor in self.model.motors]
+        names = [c.name for c in self.model.coordinates] + [
+            f"rotor.{motor.name}" for motor in self.model.motors
+        ]
         self.at = self.m.jnt_dofadr[[self.m.joint(joint).id for joint in names]]
         arm, self.rotors = self.at[: self.model.n_a], self.at[self.model.n_a :]
         self.joints = arm[list(self.model.i_g)]
@@ -264,10 +282,14 @@ def tool_error_in_mujoco(
     plant.run(start, np.concatenate([path["q_a"][0], path["q_m"][0]]), steps, look)
     axes = "xyz" if plant.model.output.type == "tool_pose" else plant.model.output.axes
     wanted = given["y_ref"][2 : 2 * steps + 1 : 2, : min(3, path["y_ref"].shape[1])]
-    return float(np.linalg.norm(seen[:, ["xyz".index(axis) for axis in axes]] - wanted, axis=1).max())
+    return float(
+        np.linalg.norm(seen[:, ["xyz".index(axis) for axis in axes]] - wanted, axis=1).max()
+    )
 
 
-def with_lost_motion(name: str, lost_motion: float, start: np.ndarray, share: float = 1.0) -> tuple[Law, Any]:
+def with_lost_motion(
+    name: str, lost_motion: float, start: np.ndarray, share: float = 1.0
+) -> tuple[Law, Any]:
     """``law`` and ``kept`` of a robot whose gears have hysteresis; ``start``: their deflections (n_g,) at rest."""
     K = joint_stiffness(flexgen.read(name))
     return law_of_gears(name, Gears(share * K, 0.5 * lost_motion * K + 1e-30, start))
@@ -278,7 +300,9 @@ def law_of_gears(name: str, gears: Gears | Elements) -> tuple[Law, Any]:
     inverse = np.linalg.inv(flexgen.read(name).eta)
     back = -inverse.T
 
-    def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
+    def law(
+        q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray
+    ) -> Any:
         z = gears.at(inverse @ q_m - q_g)
         return z, back @ z, tau
 
@@ -288,7 +312,9 @@ def law_of_gears(name: str, gears: Gears | Elements) -> tuple[Law, Any]:
     return law, kept
 
 
-def error_with_elements(name: str, path: Trajectory, elements: Sequence[Element], *, feedback: bool = True) -> float:
+def error_with_elements(
+    name: str, path: Trajectory, elements: Sequence[Element], *, feedback: bool = True
+) -> float:
     """`tool_error_in_mujoco` of a robot whose gears have these elements."""
     model = flexgen.read(name)
     start = np.linalg.inv(model.eta) @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
@@ -297,7 +323,13 @@ def error_with_elements(name: str, path: Trajectory, elements: Sequence[Element]
 
 
 def error_in_mujoco(
-    name: str, path: Trajectory, lost_motion: float, *, share: float = 1.0, step: float = 2e-4, feedback: bool = True
+    name: str,
+    path: Trajectory,
+    lost_motion: float,
+    *,
+    share: float = 1.0,
+    step: float = 2e-4,
+    feedback: bool = True,
 ) -> float:
     """`tool_error_in_mujoco` of a robot whose gears have ``lost_motion`` [rad]; zero: without hysteresis."""
     model = flexgen.read(name)

@@ -21,14 +21,19 @@ NOISY = DriveHardware(5e-4, encoder_noise_rad=1e-4, torque_noise_Nm=0.02)
 def without_coulomb(name: str) -> RobotModel:
     """The model with viscous friction only: its frequency responses do not depend on the amplitude."""
     model = flexgen.read(name)
-    motors = (replace(m, friction=replace(m.friction, coulomb=0.0, stribeck=0.0)) for m in model.motors)
+    motors = (
+        replace(m, friction=replace(m.friction, coulomb=0.0, stribeck=0.0)) for m in model.motors
+    )
     return replace(model, motors=tuple(motors))
 
 
 def another(model: RobotModel, seed: int, spread: float = 0.3) -> RobotModel:
     """The robot with other springs and dampers: factors up to ``exp(spread)``."""
     rng = np.random.default_rng(seed)
-    values = {p.name: p.value * np.exp(rng.uniform(-spread, spread)) for p in select(model, ["stiffness", "damping"])}
+    values = {
+        p.name: p.value * np.exp(rng.uniform(-spread, spread))
+        for p in select(model, ["stiffness", "damping"])
+    }
     return with_values(model, values)
 
 
@@ -58,5 +63,11 @@ def exact_responses(
 
 def small_plan(model: RobotModel, poses: np.ndarray, **changes: object) -> Plan:
     """A short experiment."""
-    arguments: dict[str, object] = {"poses": poses, "lines": 30, "period_s": 2.0, "periods": 2, "speed_rms": 0.02}
+    arguments: dict[str, object] = {
+        "poses": poses,
+        "lines": 30,
+        "period_s": 2.0,
+        "periods": 2,
+        "speed_rms": 0.02,
+    }
     return flexgen.excite(model, **{**arguments, "progress": False, **changes})

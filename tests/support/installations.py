@@ -37,7 +37,9 @@ def built(clone: Path, folder: Path, umask: int = 0o022) -> Path:
     """The wheel that `.ci/dist.py` writes, in addition to the sdist."""
     environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
     command = [sys.executable, clone / ".ci" / "dist.py", folder]
-    done = subprocess.run(command, env=environment, umask=umask, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, env=environment, umask=umask, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     (made,) = folder.glob("*.whl")
     return made

@@ -22,11 +22,23 @@ def samples(name: str = MODEL) -> dict[str, np.ndarray]:
     path = Path(equations := derive(name), equations.model.move())
     t = np.arange(round(path.duration / PERIOD) + 1) * PERIOD
     sample = path.sample(t)
-    return {"y": sample.y[:, :, 0], "dy": sample.derivative(1), "ddy": sample.derivative(2), "q_start": path.q_start}
+    return {
+        "y": sample.y[:, :, 0],
+        "dy": sample.derivative(1),
+        "ddy": sample.derivative(2),
+        "q_start": path.q_start,
+    }
 
 
 def given(**changes) -> dict:
-    return {**samples(), "period": PERIOD, "n_pre": 100, "n_post": 100, "samples_per_interval": EVERY, **changes}
+    return {
+        **samples(),
+        "period": PERIOD,
+        "n_pre": 100,
+        "n_post": 100,
+        "samples_per_interval": EVERY,
+        **changes,
+    }
 
 
 def question(model: str | FilePath | RobotModel, **options: float) -> InversionProblem:
@@ -40,5 +52,7 @@ def last_joint(model: RobotModel, stiffness: float, damping: float) -> RobotMode
     element = model.elements[2]
     dof = element.dofs[0]
     assert isinstance(dof.spring, LinearSpring)
-    soft = replace(dof, spring=LinearSpring(dof.spring.stiffness * stiffness), damping=dof.damping * damping)
+    soft = replace(
+        dof, spring=LinearSpring(dof.spring.stiffness * stiffness), damping=dof.damping * damping
+    )
     return replace(model, elements=(*model.elements[:2], replace(element, dofs=(soft,))))

@@ -40,7 +40,9 @@ def read(precision: str) -> Precision:
 
     (angle,), (lowest,) = numbers("ANGLE_MAX"), numbers("LOWEST")
     polynomials = (numbers(name) for name in ("SINE", "COSINE", "EXPONENTIAL"))
-    return Precision(int(macros["DIGITS"]), parts("HALF_PI"), parts("LOG_2"), angle, lowest, *polynomials)
+    return Precision(
+        int(macros["DIGITS"]), parts("HALF_PI"), parts("LOG_2"), angle, lowest, *polynomials
+    )
 
 
 PRECISIONS = {precision: read(precision) for precision in ("double", "single")}

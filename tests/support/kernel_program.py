@@ -133,8 +133,12 @@ def written(precision: str, edits: tuple[tuple[str, str], ...] = ()) -> Path:
     for file, text in texts.items():
         (folder / file).write_text(text, encoding="ascii")
     guard = "#ifndef ROBOT_H\n#define ROBOT_H\n%s\n#endif\n"
-    (folder / f"{NAME}.h").write_text(guard % f"typedef {C_TYPES[precision]} {NAME}_real;", encoding="ascii")
-    calls = [f"OF_ONE({f})" for f in OWN_OF_ONE + LIBM_OF_ONE] + [f"OF_TWO({f})" for f in OWN_OF_TWO + LIBM_OF_TWO]
+    (folder / f"{NAME}.h").write_text(
+        guard % f"typedef {C_TYPES[precision]} {NAME}_real;", encoding="ascii"
+    )
+    calls = [f"OF_ONE({f})" for f in OWN_OF_ONE + LIBM_OF_ONE] + [
+        f"OF_TWO({f})" for f in OWN_OF_TWO + LIBM_OF_TWO
+    ]
     program = _PROGRAM.replace("FUNCTIONS", "\n    ".join(calls))
     program = program.replace("TWO_AND_A_HALF", "2.5f" if precision == "single" else "2.5")
     (folder / "main.c").write_text(program, encoding="ascii")
@@ -150,7 +154,9 @@ def compiled(compiler: str, flags: tuple[str, ...], folder: Path) -> Path:
     if "-fsyntax-only" not in flags:
         command += ["-o", str(program), "-lm"]
     answer = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert answer.returncode == 0 and not answer.stderr, " ".join(command) + "\n" + answer.stderr[:4000]
+    assert answer.returncode == 0 and not answer.stderr, (
+        " ".join(command) + "\n" + answer.stderr[:4000]
+    )
     return program
 
 
@@ -186,7 +192,9 @@ def applied(
         blob += padded.tobytes()
         forms = (2, 2) if name.startswith("sincos") else (2,)
         sizes.append((*forms, padded.shape[1], flat.shape[1]))
-    answer = subprocess.run([*under, str(program), *arguments], input=blob, capture_output=True, check=True)
+    answer = subprocess.run(
+        [*under, str(program), *arguments], input=blob, capture_output=True, check=True
+    )
     y = np.frombuffer(answer.stdout, TYPES[precision])
     out: dict[str, np.ndarray] = {}
     for name, (*forms, length, n) in zip(inputs, sizes, strict=True):
@@ -214,10 +222,16 @@ def widths() -> dict[str, tuple[str, ...]]:
     return flags
 
 
-COMPILERS = [name for name in ("gcc", "clang", "g++", "clang++") if os.name == "posix" and shutil.which(name)]
+COMPILERS = [
+    name for name in ("gcc", "clang", "g++", "clang++") if os.name == "posix" and shutil.which(name)
+]
 COMPILER = next((name for name in COMPILERS if "+" not in name), None)
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="neither gcc nor clang; install the Debian package gcc")
-needs_long_double = pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="long double is double here")
+needs_compiler = pytest.mark.skipif(
+    COMPILER is None, reason="neither gcc nor clang; install the Debian package gcc"
+)
+needs_long_double = pytest.mark.skipif(
+    np.finfo(np.longdouble).nmant < 60, reason="long double is double here"
+)
 both = pytest.mark.parametrize("precision", ["double", "single"])
 POINTS = 100_000
 
@@ -243,7 +257,8 @@ def angles(precision: str) -> dict[str, np.ndarray]:
     sets = {
         "turns": rng.uniform(-2.0 * np.pi, 2.0 * np.pi, POINTS),
         "range": rng.uniform(-limit, limit, POINTS),
-        "powers": rng.choice([-1.0, 1.0], POINTS) * 10.0 ** rng.uniform(-8.0, math.log10(limit), POINTS),
+        "powers": rng.choice([-1.0, 1.0], POINTS)
+        * 10.0 ** rng.uniform(-8.0, math.log10(limit), POINTS),
         "tiny": 10.0 ** rng.uniform(lowest, -3.0, 1000),
     }
     return {name: x.astype(TYPES[precision]) for name, x in sets.items()}

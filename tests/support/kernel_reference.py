@@ -11,7 +11,9 @@ Function = Callable[[mp.mpf], mp.mpf]
 DIGITS = 50
 
 
-def minimax(f: Function, weight: Function, low: mp.mpf, high: mp.mpf, count: int) -> tuple[list[mp.mpf], float]:
+def minimax(
+    f: Function, weight: Function, low: mp.mpf, high: mp.mpf, count: int
+) -> tuple[list[mp.mpf], float]:
     """Polynomial with ``count`` coefficients that minimises the largest ``|weight (polynomial - f)|`` on an interval.
 
     Remez' exchange: the error of the best polynomial takes its largest size at ``count + 1`` points with alternating

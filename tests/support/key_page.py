@@ -8,7 +8,18 @@ from pathlib import Path
 
 from flexgen.benchmarks import scenario_file as scenario
 from flexgen.loop.controller_files import CONTROLLER
-from flexgen.model.format import BEAM, BENDING, ELEMENT, JOINT, LINK, MODEL, TOOL, UNCERTAINTY, URDF, VARIANT
+from flexgen.model.format import (
+    BEAM,
+    BENDING,
+    ELEMENT,
+    JOINT,
+    LINK,
+    MODEL,
+    TOOL,
+    UNCERTAINTY,
+    URDF,
+    VARIANT,
+)
 from flexgen.model.format_devices import MOTOR, SENSOR
 from flexgen.model.format_programs import PROGRAM, STEP
 from flexgen.model.format_robot import (
@@ -104,23 +115,35 @@ and `[[segment]]`, and no `version` of `[measures]`.
 
 def page() -> str:
     """The text of the page."""
-    return "\n".join([TOP, *(line for title, form in (TABLES | OTHERS).items() for line in section(title, form))])
+    return "\n".join(
+        [TOP, *(line for title, form in (TABLES | OTHERS).items() for line in section(title, form))]
+    )
 
 
 def section(title: str, form: Form) -> Iterator[str]:
     """The keys of a table; those of several kinds together, with the kinds that have them."""
     yield from (f"## {title}", "", f"{form.doc[0].upper()}{form.doc[1:]}.", "")
     if not isinstance(form, Kinds):
-        yield from ("| key | value | default | meaning |", "|---|---|---|---|", *rows(form.keys), "")
+        yield from (
+            "| key | value | default | meaning |",
+            "|---|---|---|---|",
+            *rows(form.keys),
+            "",
+        )
         return
-    kinds = ((kind, " (default)" * (kind == form.default), own.doc) for kind, own in form.kinds.items())
+    kinds = (
+        (kind, " (default)" * (kind == form.default), own.doc) for kind, own in form.kinds.items()
+    )
     yield from (f'- `type = "{kind}"`{default}: {doc}' for kind, default, doc in kinds)
     found: dict[str, list[str]] = {}
     for kind, own in form.kinds.items():
         for row in rows((*form.shared, *own.keys)):
             found.setdefault(row, []).append(kind)
     yield from ("", "| types | key | value | default | meaning |", "|---|---|---|---|---|")
-    yield from (f"| {'all' if len(of) == len(form.kinds) else ', '.join(of)} {row}" for row, of in found.items())
+    yield from (
+        f"| {'all' if len(of) == len(form.kinds) else ', '.join(of)} {row}"
+        for row, of in found.items()
+    )
     yield ""
 
 
@@ -179,12 +202,19 @@ def _list_text(schema: Schema) -> str:
     of = (
         item
         if item.startswith("list")
-        else re.sub(r"\bnumber\b", "numbers", item, count=1).replace("text", "texts").replace("table", "tables")
+        else re.sub(r"\bnumber\b", "numbers", item, count=1)
+        .replace("text", "texts")
+        .replace("table", "tables")
     )
-    sizes = [(one.get("minItems", 0), one.get("maxItems", 0)) for one in schema.get("anyOf", [schema])]
+    sizes = [
+        (one.get("minItems", 0), one.get("maxItems", 0)) for one in schema.get("anyOf", [schema])
+    ]
     if not sizes[0][1]:
         return f"list of {of}"
-    return " or ".join(str(low) if low == high else f"{low} to {high}" for low, high in sizes) + f" {of}"
+    return (
+        " or ".join(str(low) if low == high else f"{low} to {high}" for low, high in sizes)
+        + f" {of}"
+    )
 
 
 if __name__ == "__main__":

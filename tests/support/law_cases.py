@@ -71,7 +71,9 @@ def arm(
         gear = replace(gear, spring=spring, damping=gear.damping if damped else 0.0)
         friction = Friction(viscous=drag, coulomb=drag, beta=5.0) if drag else dof.friction
         elements.append(replace(element, dofs=(replace(dof, gear=gear, friction=friction),)))
-    motors = model.motors if rubbing else tuple(replace(m, friction=Friction()) for m in model.motors)
+    motors = (
+        model.motors if rubbing else tuple(replace(m, friction=Friction()) for m in model.motors)
+    )
     return replace(model, elements=tuple(elements), motors=motors)
 
 
@@ -82,7 +84,11 @@ def coupled() -> RobotModel:
     for element, motor in zip(model.elements, model.motors, strict=True):
         (dof,) = element.dofs
         spring = replace(dof.gear.spring, stiffness=dof.gear.spring.stiffness * motor.ratio[0] ** 2)
-        elements.append(replace(element, dofs=(replace(dof, gear=replace(dof.gear, side="arm", spring=spring)),)))
+        elements.append(
+            replace(
+                element, dofs=(replace(dof, gear=replace(dof.gear, side="arm", spring=spring)),)
+            )
+        )
     last = replace(model.motors[2], drives=("q2", "q3"), ratio=(-35.0, 60.0))
     return replace(model, elements=tuple(elements), motors=(*model.motors[:2], last))
 
@@ -96,7 +102,9 @@ def solution_of(model: RobotModel) -> flexgen.Solution:
 def case_of(model: RobotModel, sample_time: float = 1e-3, delay: float = 0.0, **options) -> Case:
     """A loop around the first move."""
     options.setdefault("exact_state", True)
-    return control_case(model, sample_time=sample_time, delay=delay, solution=solution_of(model), **options)
+    return control_case(
+        model, sample_time=sample_time, delay=delay, solution=solution_of(model), **options
+    )
 
 
 def one_joint(folder: Path) -> RobotModel:

@@ -22,7 +22,10 @@ def arrays(library: Library) -> dict[str, np.ndarray]:
     out: dict[str, np.ndarray] = {}
     for name, function in library.functions.items():
         given = [rng.normal(size=(POINTS, *port.shape)) for port in function.inputs]
-        for label, results in (("batch", function(*given)), ("point", function(*(x[0] for x in given)))):
+        for label, results in (
+            ("batch", function(*given)),
+            ("point", function(*(x[0] for x in given))),
+        ):
             for k, x in enumerate(results if isinstance(results, tuple) else (results,)):
                 out[f"{name} {label} {k}"] = x
     equations = derive(library.name)
@@ -31,13 +34,23 @@ def arrays(library: Library) -> dict[str, np.ndarray]:
     y, dy, ddy = samples(Reduction(equations), path, period, SAMPLES)
     options = {"n_pre": PRE, "n_post": POST, "samples_per_interval": EACH, "tolerance": 1e-6}
     for solver in ("invert", "bvp") if equations.model.n_e else ("invert",):
-        result = getattr(library, solver)(y, dy, ddy, period=period, q_start=path.q_start, **options)
+        result = getattr(library, solver)(
+            y, dy, ddy, period=period, q_start=path.q_start, **options
+        )
         out |= {f"{solver} {key}": getattr(result, key) for key in MOTION}
     bound = 0.99 * np.abs(result.v_m).max(axis=0)
-    limited = library.invert_limited(y, dy, ddy, period=period, q_start=path.q_start, speed_max=bound, **options)
+    limited = library.invert_limited(
+        y, dy, ddy, period=period, q_start=path.q_start, speed_max=bound, **options
+    )
     out |= {f"invert_limited {key}": getattr(limited, key) for key in (*MOTION, "deviation")}
     assert limited.limits_active
-    stream = library.stream(y[0], path.q_start, period=4 * period, intervals=INTERVALS, samples_per_interval=4)
+    stream = library.stream(
+        y[0], path.q_start, period=4 * period, intervals=INTERVALS, samples_per_interval=4
+    )
     rows = [stream.update(y[k], dy[k], ddy[k]) for k in range(4, SAMPLES, 4)]
-    out |= {f"stream {key}": np.array([getattr(row, key) for row in rows]) for key in MOTION if key != "a_a"}
+    out |= {
+        f"stream {key}": np.array([getattr(row, key) for row in rows])
+        for key in MOTION
+        if key != "a_a"
+    }
     return out

@@ -24,7 +24,18 @@ from flexgen.model.elements import RobotModel
 FOLDER = Path(__file__).parents[1] / "golden" / "numbers"
 ENDLESS = 1e300  # infinity in a file
 # times; counts and residuals at the level of rounding, which depend on how BLAS sums on a processor
-OTHER = ("history", "residual", "wall", "cpu", "seconds", "iterations", "programs", "inversions", "date", "version")
+OTHER = (
+    "history",
+    "residual",
+    "wall",
+    "cpu",
+    "seconds",
+    "iterations",
+    "programs",
+    "inversions",
+    "date",
+    "version",
+)
 OTHER += ("simulated_in", "digest", "accuracy")
 
 
@@ -32,7 +43,11 @@ def _sums(x: np.ndarray) -> list[float]:
     """Sum of sizes, then two weighted sums: any changed entry changes them."""
     flat = np.clip(np.nan_to_num(x.ravel().astype(complex), nan=-7.0), -ENDLESS, ENDLESS)
     weight = np.cos(1.0 + np.arange(flat.size))
-    return [float(np.abs(flat).sum()), float((flat.real * weight).sum()), float((flat.imag * weight + flat.real).sum())]
+    return [
+        float(np.abs(flat).sum()),
+        float((flat.real * weight).sum()),
+        float((flat.imag * weight + flat.real).sum()),
+    ]
 
 
 def _flatten(name: str, value: Any, out: dict[str, Any]) -> None:
@@ -55,7 +70,9 @@ def _flatten(name: str, value: Any, out: dict[str, Any]) -> None:
             return
         parts = {str(k): part for k, part in enumerate(value)}
     else:
-        if isinstance(value, bool | int | float | complex | np.generic) and not isinstance(value, np.str_):
+        if isinstance(value, bool | int | float | complex | np.generic) and not isinstance(
+            value, np.str_
+        ):
             out[name] = {"shape": [], "sums": _sums(np.asarray(value))}
         return
     for key, part in parts.items():
@@ -70,11 +87,17 @@ def check_numbers(name: str, rtol: float = 1e-6, **found: Any) -> None:
     file = FOLDER / f"{name}.json"
     if os.environ.get("WRITE_NUMBERS"):
         FOLDER.mkdir(exist_ok=True)
-        file.write_text(json.dumps(now, indent=0, sort_keys=True).replace("\n", "").replace('},"', '},\n"') + "\n")
+        file.write_text(
+            json.dumps(now, indent=0, sort_keys=True).replace("\n", "").replace('},"', '},\n"')
+            + "\n"
+        )
     expected = json.loads(file.read_text(encoding="utf-8"))
     assert now.keys() == expected.keys()
     for key, part in expected.items():
         assert now[key]["shape"] == part["shape"], key
-        size, least = part["sums"][0], 1e-8 if "error" in key else 1e-13  # errors of a nanometer are rounding
+        # errors of a nanometer are rounding
+        size, least = part["sums"][0], 1e-8 if "error" in key else 1e-13
         for one, other in zip(now[key]["sums"], part["sums"], strict=True):
-            assert abs(one - other) <= rtol * size + least, f"{key}: {now[key]['sums']}, expected {part['sums']}"
+            assert abs(one - other) <= rtol * size + least, (
+                f"{key}: {now[key]['sums']}, expected {part['sums']}"
+            )

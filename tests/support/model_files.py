@@ -144,11 +144,15 @@ SPRINGS = [
 
 def everything(folder: Path) -> Path:
     """A file with every kind of table, but one kind of an output."""
-    (folder / "track.csv").write_text("t,x,y,z,rx,ry,rz\n" + "".join(f"{k},{k},0,0,0,0,0\n" for k in range(20)))
+    (folder / "track.csv").write_text(
+        "t,x,y,z,rx,ry,rz\n" + "".join(f"{k},{k},0,0,0,0,0\n" for k in range(20))
+    )
     text = ""
     for k in range(6):
         lossy = ", hysteresis = { lost_motion = 1e-4, stiffness = 1e5 }" if k == 0 else ""
-        lossy += ", transmission_error = { harmonics = [1, 2], cos = [1e-5, 2e-5] }" if k == 1 else ""
+        lossy += (
+            ", transmission_error = { harmonics = [1, 2], cos = [1e-5, 2e-5] }" if k == 1 else ""
+        )
         gear = (
             f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1{lossy}, torque_max = 9 }}'
             if k < 5
@@ -156,12 +160,16 @@ def everything(folder: Path) -> Path:
         )
         kind = "rotation" if k < 5 else "translation"
         text += f'[[element]]\nname = "e{k}"\nbody = {{ mass = 2, inertia = [1, 1, 1] }}\n'
-        text += f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = [0, 0, 1]\ngear = {gear}\n'
+        text += (
+            f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = [0, 0, 1]\ngear = {gear}\n'
+        )
         text += "friction = { viscous = 1, coulomb = 1, beta = 10 }\n"
         text += "counterbalance = { sin = [1.0, 2.0], cos = [0.5] }\n" if kind == "rotation" else ""
     for k, spring in enumerate(SPRINGS):
         kind = "translation" if k == 0 else "rotation"
-        text += f'[[element]]\nname = "s{k}"\nbody = {{ mass = 2 }}\n[[element.dof]]\nname = "p{k}"\n'
+        text += (
+            f'[[element]]\nname = "s{k}"\nbody = {{ mass = 2 }}\n[[element.dof]]\nname = "p{k}"\n'
+        )
         text += f'type = "{kind}"\naxis = [1, 0, 0]\nspring = {spring}\ndamping = 1\ndeflection_max = 1\n'
     text += '[[element]]\nname = "b"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
     text += '[[element.beam.bending]]\ndirection = "y"\nstiffness = 100\nmodes = 1\n'
@@ -194,8 +202,38 @@ def overlay(folder: Path) -> Path:
 # --- mutations by key and value ---------------------------------------------------------------------------------------
 
 VALUES: tuple[Any, ...] = (
-    *(-1, 0, 1, 2, 1.5, -0.3, 100, 1e-19, 2.5e13, True, False, "", "x", "q1", "base", "rotation", "rigid", "tool"),
-    *([], [1], [0, 0, 0], [1, 2, 3], [0.1, "a", 1], ["q1"], ["q1", "q1"], [1, 2, 3, 4, 5, 6], [0.0] * 9, [-1, 1, 1]),
+    *(
+        -1,
+        0,
+        1,
+        2,
+        1.5,
+        -0.3,
+        100,
+        1e-19,
+        2.5e13,
+        True,
+        False,
+        "",
+        "x",
+        "q1",
+        "base",
+        "rotation",
+        "rigid",
+        "tool",
+    ),
+    *(
+        [],
+        [1],
+        [0, 0, 0],
+        [1, 2, 3],
+        [0.1, "a", 1],
+        ["q1"],
+        ["q1", "q1"],
+        [1, 2, 3, 4, 5, 6],
+        [0.0] * 9,
+        [-1, 1, 1],
+    ),
     *(
         [{}],
         {},
@@ -212,9 +250,13 @@ VALUES: tuple[Any, ...] = (
 
 def tables_of(data: Any) -> list[Any]:
     """Every table and list of tables in plain data, outermost first."""
-    inner = list(data.values()) if isinstance(data, dict) else data if isinstance(data, list) else []
+    inner = (
+        list(data.values()) if isinstance(data, dict) else data if isinstance(data, list) else []
+    )
     own = [data] if isinstance(data, dict) or (data and isinstance(data[0], dict)) else []
-    return own + [found for item in inner if isinstance(item, dict | list) for found in tables_of(item)]
+    return own + [
+        found for item in inner if isinstance(item, dict | list) for found in tables_of(item)
+    ]
 
 
 def mutate_data(rng: random.Random, data: dict[str, Any]) -> None:
@@ -256,7 +298,11 @@ def toml_text(data: dict[str, Any]) -> str:
 
     def show(value: Any) -> str:
         if isinstance(value, dict):
-            return "{ " + ", ".join(f"{bare(key)} = {show(item)}" for key, item in value.items()) + " }"
+            return (
+                "{ "
+                + ", ".join(f"{bare(key)} = {show(item)}" for key, item in value.items())
+                + " }"
+            )
         if isinstance(value, list):
             line = "\n" if value and isinstance(value[0], dict) else ""
             return f"[{line}" + ", ".join(show(item) + line for item in value) + "]"
@@ -279,7 +325,9 @@ def mutated(name: str, number: int, valid: dict[str, Any]) -> str:
 def dump(value: Any) -> Any:
     """Plain data with every field, class and bit of a number."""
     if dataclasses.is_dataclass(value):
-        fields = {field.name: dump(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        fields = {
+            field.name: dump(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
         return [type(value).__name__, fields]
     if isinstance(value, list | tuple):
         return [dump(item) for item in value]
@@ -292,5 +340,9 @@ def outcome(read: Callable[[Path], Any], path: Path) -> str:
         found = json.dumps(dump(read(path)))
     except FlexgenError as error:
         text = " ".join(str(error).replace(str(path.parent), "FOLDER").split())
-        return re.sub(r"(text that is not (?:TOML|XML)) \(.*?\), expected", r"\1, expected", text)  # words of a parser
-    return "read " + hashlib.sha256(found.replace(str(path.parent), "FOLDER").encode()).hexdigest()[:16]
+        # words of a parser
+        return re.sub(r"(text that is not (?:TOML|XML)) \(.*?\), expected", r"\1, expected", text)
+    return (
+        "read "
+        + hashlib.sha256(found.replace(str(path.parent), "FOLDER").encode()).hexdigest()[:16]
+    )

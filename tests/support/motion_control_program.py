@@ -14,7 +14,10 @@ from flexgen.paths.path import plan
 EXAMPLE = ROOT / "examples" / "motion_control.c"
 PROGRAMS = {
     "planar5_nmp": (ROOT / "examples" / "program.toml", "seam"),
-    "manutec_r3_24": (ROOT / "examples" / "motion_control" / "manutec_r3_24" / "program.toml", "cycle"),
+    "manutec_r3_24": (
+        ROOT / "examples" / "motion_control" / "manutec_r3_24" / "program.toml",
+        "cycle",
+    ),
 }
 
 

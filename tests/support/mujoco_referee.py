@@ -61,7 +61,9 @@ class MujocoReferee:
         for name, (mass, moments) in self._masses.items():
             k = self.m.body(name).id
             self.m.body_mass[k], self.m.body_inertia[k] = mass, moments
-        names = [c.name for c in model.coordinates] + [f"rotor {m.name}" for m in model.motors if rotors]
+        names = [c.name for c in model.coordinates] + [
+            f"rotor {m.name}" for m in model.motors if rotors
+        ]
         joints = [self.m.joint(name).id for name in names]
         self.at_q, self.at_v = self.m.jnt_qposadr[joints], self.m.jnt_dofadr[joints]
         # a rotor without inertia would make the matrix singular that MuJoCo factorises: its armature is taken out again
@@ -89,7 +91,11 @@ class MujocoReferee:
         frame = np.column_stack([x, np.cross(axis, x), axis])
         name = f"rotor {motor.name}"
         self._masses[name] = (0.0, np.array([0.0, 0.0, motor.inertia]))
-        joint = f'<joint name="{name}" type="hinge" axis="0 0 1"{self._rub(motor)}/>' if self._rotors else ""
+        joint = (
+            f'<joint name="{name}" type="hinge" axis="0 0 1"{self._rub(motor)}/>'
+            if self._rotors
+            else ""
+        )
         return (
             f'<body name="{name}" pos="{text(position)}" quat="{quaternion(frame)}">{joint}'
             '<inertial mass="1" diaginertia="1 1 1" pos="0 0 0"/></body>'
@@ -99,7 +105,10 @@ class MujocoReferee:
         if self.model.motor_coupling != "complete":
             return ""
         carried = [j for j, motor in enumerate(self.model.motors) if motor.carrier == carrier]
-        return "".join(self._rotor(j, position, rotation @ np.array(self.model.motors[j].axis)) for j in carried)
+        return "".join(
+            self._rotor(j, position, rotation @ np.array(self.model.motors[j].axis))
+            for j in carried
+        )
 
     def _children(self, name: str, position: np.ndarray, rotation: np.ndarray) -> str:
         """What an element carries; its tip stands at this place in its MuJoCo body."""
@@ -177,7 +186,9 @@ class MujocoMachine(MujocoReferee):
 
     def __init__(self, model: RobotModel):
         super().__init__(model)
-        springs = [c.dof.spring or c.dof.gear.spring for c in model.coordinates if c.dof is not None]
+        springs = [
+            c.dof.spring or c.dof.gear.spring for c in model.coordinates if c.dof is not None
+        ]
         if not all(spring is None or isinstance(spring, LinearSpring) for spring in springs):
             raise ValueError("this referee knows linear springs only")
         self.P = np.zeros((model.n_a + model.n_m, model.dof))
@@ -202,17 +213,31 @@ class MujocoMachine(MujocoReferee):
             if dof.gear.rigid:
                 continue
             on_motor = dof.gear.side == "motor"
-            factor = next(m.ratio[0] for m in model.motors if m.drives == (dof.name,)) if on_motor else 1.0
+            factor = (
+                next(m.ratio[0] for m in model.motors if m.drives == (dof.name,))
+                if on_motor
+                else 1.0
+            )
             ends = {dof.name: -factor}
-            ends |= {f"rotor {m.name}": factor * inverse[k, j] for j, m in enumerate(model.motors) if inverse[k, j]}
-            joints = "".join(f'<joint joint="{name}" coef="{text(coef)}"/>' for name, coef in ends.items())
+            ends |= {
+                f"rotor {m.name}": factor * inverse[k, j]
+                for j, m in enumerate(model.motors)
+                if inverse[k, j]
+            }
+            joints = "".join(
+                f'<joint joint="{name}" coef="{text(coef)}"/>' for name, coef in ends.items()
+            )
             laws = f'stiffness="{text(dof.gear.spring.stiffness)}" damping="{text(dof.gear.damping)}" springlength="0"'
             out += f'<fixed name="gear {dof.name}" {laws}>{joints}</fixed>'
         return f"<tendon>{out}</tendon>" if out else ""
 
     def minimal_mass(self, q_a):
         """Mass matrix of the arm coordinates and the motors behind elastic gears."""
-        return self.P.T @ self.mass_matrix(self.P @ np.concatenate([q_a, np.zeros(len(self.model.i_m))])) @ self.P
+        return (
+            self.P.T
+            @ self.mass_matrix(self.P @ np.concatenate([q_a, np.zeros(len(self.model.i_m))]))
+            @ self.P
+        )
 
     def forward_dynamics(self, q_a, v_a, q_m, v_m, tau_m):
         """Accelerations (a_a, a_m) of the full model, all of a_m."""

@@ -28,15 +28,25 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[2]
-COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==", ast.Is: "is not"}
+COMPARED = {
+    ast.Lt: "<=",
+    ast.LtE: "<",
+    ast.Gt: ">=",
+    ast.GtE: ">",
+    ast.Eq: "!=",
+    ast.NotEq: "==",
+    ast.Is: "is not",
+}
 COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
 COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
-STATED = [f"tests/unit/test_{name}.py" for name in ("stated_numbers", "stated_defaults", "keys")]  # of pages
+# of pages
+STATED = [f"tests/unit/test_{name}.py" for name in ("stated_numbers", "stated_defaults", "keys")]
 STATED += ["tests/golden/test_public_face.py"]
 SILENT = {"strict", "frozen", "repr", "slots", "eq"}  # arguments that change no result
 MOST_TESTS, MOST_FILES = 200, 6
-TIMEOUT_S, SLOWER, LONG_S = 240, 5.0, 60.0  # time of tests: at least; over that of the first run; of a file in it
+# time of tests: at least; over that of the first run; of a file in it
+TIMEOUT_S, SLOWER, LONG_S = 240, 5.0, 60.0
 HITS = """import os
 _seen = set()
 
@@ -77,7 +87,11 @@ class Mutant:
 def _silent(tree: ast.Module) -> set[int]:
     """Constants that change no result, by their `id`."""
     heads = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
-    heads += [node.value for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg in SILENT]
+    heads += [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.keyword) and node.arg in SILENT
+    ]
     return {id(node) for head in heads for node in ast.walk(head) if isinstance(node, ast.Constant)}
 
 
@@ -93,7 +107,11 @@ def mutants_of(file: Path) -> list[Mutant]:
         if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
             left, right = ast.unparse(node.left), ast.unparse(node.comparators[0])
             new = f"({left} {COMPARED[type(node.ops[0])]} {right})"
-        elif isinstance(node, ast.BinOp) and type(node.op) in COMPUTED and not isinstance(node.left, ast.JoinedStr):
+        elif (
+            isinstance(node, ast.BinOp)
+            and type(node.op) in COMPUTED
+            and not isinstance(node.left, ast.JoinedStr)
+        ):
             new = f"({ast.unparse(node.left)} {COMPUTED[type(node.op)]} {ast.unparse(node.right)})"
         elif isinstance(node, ast.BoolOp):
             word = "or" if isinstance(node.op, ast.And) else "and"
@@ -137,7 +155,9 @@ def functions_of(file: Path) -> list[ast.FunctionDef]:
 
 def function_of(mutant: Mutant) -> ast.FunctionDef | None:
     """The innermost function around a mutant, its signature included; None for a line outside functions."""
-    inside = [x for x in functions_of(mutant.file) if x.lineno <= mutant.line <= (x.end_lineno or 0)]
+    inside = [
+        x for x in functions_of(mutant.file) if x.lineno <= mutant.line <= (x.end_lineno or 0)
+    ]
     return max(inside, key=lambda node: node.lineno, default=None)
 
 
@@ -145,16 +165,24 @@ def names_of(mutant: Mutant) -> set[str]:
     """The names which the statement of a mutant assigns."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(mutant.file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= mutant.line <= (node.end_lineno or 0):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= mutant.line <= (
+            node.end_lineno or 0
+        ):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            names |= {x.id for target in targets for x in ast.walk(target) if isinstance(x, ast.Name)}
+            names |= {
+                x.id for target in targets for x in ast.walk(target) if isinstance(x, ast.Name)
+            }
     return names
 
 
 def reached_of(file: Path, number: int, function: ast.FunctionDef) -> ast.stmt:
     """The innermost statement of a function around a line that begins a line, else the first one of its body."""
     first = function.body[0]
-    described = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and len(function.body) > 1
+    described = (
+        isinstance(first, ast.Expr)
+        and isinstance(first.value, ast.Constant)
+        and len(function.body) > 1
+    )
     lines = file.read_text(encoding="utf-8").splitlines()
     around = [
         node
@@ -164,7 +192,9 @@ def reached_of(file: Path, number: int, function: ast.FunctionDef) -> ast.stmt:
         if not lines[node.lineno - 1].encode()[: node.col_offset].strip()
         if not lines[node.lineno - 1].lstrip().startswith("elif")
     ]
-    return max(around, key=lambda node: node.lineno, default=function.body[1] if described else first)
+    return max(
+        around, key=lambda node: node.lineno, default=function.body[1] if described else first
+    )
 
 
 def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
@@ -180,7 +210,11 @@ def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
         if file == mutant.file or module in file.read_text(encoding="utf-8")
         for function in functions_of(file)
         for parts in [[function.args, *function.body]]
-        if any(getattr(x, "id", getattr(x, "attr", None)) in names for part in parts for x in ast.walk(part))
+        if any(
+            getattr(x, "id", getattr(x, "attr", None)) in names
+            for part in parts
+            for x in ast.walk(part)
+        )
     ]
 
 
@@ -218,12 +252,19 @@ def cases_of(report: Path) -> dict[str, ElementTree.Element]:
     if not report.exists():  # a test was not found
         return {}
     cases = ElementTree.parse(report).iter("testcase")
-    return {f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}": case for case in cases}
+    return {
+        f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}": case
+        for case in cases
+    }
 
 
 def failing_of(report: Path) -> set[str]:
     """The tests that fail in a report of pytest."""
-    return {test for test, case in cases_of(report).items() if {"failure", "error"} & {part.tag for part in case}}
+    return {
+        test
+        for test, case in cases_of(report).items()
+        if {"failure", "error"} & {part.tag for part in case}
+    }
 
 
 def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
@@ -231,9 +272,26 @@ def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
     report_calls(mutants, copy)
     hits, times, again = copy / "hits", copy / "times.xml", copy / "again.xml"
     hits.mkdir()
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", str(workers), "-m", QUICK]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-n",
+        str(workers),
+        "-m",
+        QUICK,
+    ]
     there = {**os.environ, "PYTHONPATH": str(copy), "MUTANT_HITS": str(hits)}
-    subprocess.run([*command, f"--junitxml={times}"], cwd=copy, env=there, stdout=subprocess.DEVNULL, check=False)
+    subprocess.run(
+        [*command, f"--junitxml={times}"],
+        cwd=copy,
+        env=there,
+        stdout=subprocess.DEVNULL,
+        check=False,
+    )
     found: dict[int, set[str]] = {}
     for file in hits.iterdir():
         for line in file.read_text(encoding="utf-8").splitlines():
@@ -245,8 +303,22 @@ def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
     failing = failing_of(times)
     if failing:
         there = {**os.environ, "PYTHONPATH": str(copy)}
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--junitxml={again}"]
-        subprocess.run([*command, *sorted(failing)], cwd=copy, env=there, stdout=subprocess.DEVNULL, check=False)
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            f"--junitxml={again}",
+        ]
+        subprocess.run(
+            [*command, *sorted(failing)],
+            cwd=copy,
+            env=there,
+            stdout=subprocess.DEVNULL,
+            check=False,
+        )
         failing -= cases_of(again).keys() - failing_of(again)  # those that pass now
     return Calls(found, seconds, failing)
 
@@ -255,12 +327,21 @@ def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
     """The tests of a mutant."""
     module = ".".join(mutant.file.relative_to(ROOT).with_suffix("").parts)
     room = ".".join(module.split(".")[:2])
-    texts = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))}
-    far = {path.relative_to(ROOT).as_posix(): (module not in text, room not in text) for path, text in texts.items()}
+    texts = {
+        path: path.read_text(encoding="utf-8")
+        for path in sorted((ROOT / "tests").rglob("test_*.py"))
+    }
+    far = {
+        path.relative_to(ROOT).as_posix(): (module not in text, room not in text)
+        for path, text in texts.items()
+    }
     called = sorted(calls.tests.get(number, set()), key=lambda test: calls.seconds.get(test, 1.0))
-    first = set({test.partition("[")[0]: test for test in reversed(called)}.values())  # the shortest of each function
+    # the shortest of each function
+    first = set({test.partition("[")[0]: test for test in reversed(called)}.values())
     order = {test: far[test.partition("::")[0]] for test in called}
-    called = sorted(called, key=lambda test: (order[test][0] and test not in first, order[test]))[:MOST_TESTS]
+    called = sorted(called, key=lambda test: (order[test][0] and test not in first, order[test]))[
+        :MOST_TESTS
+    ]
     function = function_of(mutant)
     if function is not None:
         return called + STATED * (mutant.line < function.body[0].lineno)
@@ -270,17 +351,32 @@ def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
     return called + STATED + near
 
 
-def survives(mutant: Mutant, tests: list[str], failing: set[str], copy: Path, timeout_s: float) -> bool:
+def survives(
+    mutant: Mutant, tests: list[str], failing: set[str], copy: Path, timeout_s: float
+) -> bool:
     """Whether these tests, without those that fail anyway, pass with the mutant in the copy."""
     if not tests:
         return True
     place = copy / mutant.file.relative_to(ROOT)
     place.write_text(mutant.text, encoding="utf-8")
     try:
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", QUICK, *tests]
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-x",
+            "-p",
+            "no:cacheprovider",
+            "-m",
+            QUICK,
+            *tests,
+        ]
         command += [f"--deselect={test}" for test in sorted(failing)]
         there = {**os.environ, "PYTHONPATH": str(copy)}
-        done = subprocess.run(command, cwd=copy, env=there, capture_output=True, timeout=timeout_s, check=False)
+        done = subprocess.run(
+            command, cwd=copy, env=there, capture_output=True, timeout=timeout_s, check=False
+        )
         return done.returncode in (0, 5)
     except subprocess.TimeoutExpired:
         return False  # it hangs
@@ -293,9 +389,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2, help="of the run that finds the tests of each mutant")
+    parser.add_argument(
+        "--workers", type=int, default=2, help="of the run that finds the tests of each mutant"
+    )
     given = parser.parse_args()
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background has tests ignore it
+    # a shell in the background has tests ignore it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     killed = 0
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"

@@ -26,5 +26,8 @@ def array_bytes(values: np.ndarray) -> bytes:
 
 def claiming(shape: str, data: bytes = b"") -> bytes:
     """An npy file of doubles whose header claims a shape."""
-    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
+    head = (
+        f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode()
+        + b"\n"
+    )
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + data

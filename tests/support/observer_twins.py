@@ -30,7 +30,9 @@ class KalmanTwin:
         q_a, v_a, a_a = x[: model.n_a], x[n : n + model.n_a], rate[n : n + model.n_a]
         elastic = list(model.i_m)
         geared = ca.mtimes(ca.DM(model.eta), q_a[list(model.i_g)])
-        angles = [x[model.n_a + elastic.index(j)] if j in elastic else geared[j] for j in range(model.n_m)]
+        angles = [
+            x[model.n_a + elastic.index(j)] if j in elastic else geared[j] for j in range(model.n_m)
+        ]
         signals = ca.vertcat(*angles)
         if model.sensors:
             signals = ca.vertcat(signals, equations.function("sensors").expand()(q_a, v_a, a_a))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 
-def one_axis(name: str, gear: str, *, mass: float, ratio: float, rotor: float, way: float, duration: float) -> str:
+def one_axis(
+    name: str, gear: str, *, mass: float, ratio: float, rotor: float, way: float, duration: float
+) -> str:
     """``gear``: the inline table of its gear; ``way`` [m] of its joint move."""
     return f"""
 name = "{name}"

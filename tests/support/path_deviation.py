@@ -49,7 +49,9 @@ class DeviationBasis:
         knots = self.first + self.spacing * np.arange(-DEGREE, self.count + 2 * DEGREE + 1)
         picked = np.pad(np.eye(self.count), ((DEGREE, DEGREE), (0, 0)))
         spline = BSpline(knots, picked, DEGREE)
-        inside = (self.t > self.first) & (self.t < self.first + self.spacing * (self.count + DEGREE))
+        inside = (self.t > self.first) & (
+            self.t < self.first + self.spacing * (self.count + DEGREE)
+        )
         return [spline(self.t, nu=k) * inside[:, None] for k in range(DEGREE)]
 
     @property
@@ -102,12 +104,15 @@ def _matrices(f: np.ndarray) -> np.ndarray:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         S[:, j, i], S[:, i, j] = f[:, k], -f[:, k]
     angle = np.linalg.norm(f, axis=1)[:, None, None]
-    return np.eye(3) + np.sinc(angle / np.pi) * S + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (S @ S)
+    return (
+        np.eye(3) + np.sinc(angle / np.pi) * S + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (S @ S)
+    )
 
 
 def _turn(f: np.ndarray, df: np.ndarray, ddf: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angular velocity ``f' + A f x f' + B f x (f x f')`` of a rotation vector that moves, and its rate."""
-    u = (f**2).sum(axis=1)[:, None]  # angle squared; both factors as series, to 1e-12 up to one radian
+    # angle squared; both factors as series, to 1e-12 up to one radian
+    u = (f**2).sum(axis=1)[:, None]
     A = 1 / 2 - u / 24 * (1 - u / 30 * (1 - u / 56 * (1 - u / 90 * (1 - u / 132))))
     B = 1 / 6 - u / 120 * (1 - u / 42 * (1 - u / 72 * (1 - u / 110 * (1 - u / 156))))
     dA = -1 / 24 + u / 360 - u**2 / 13440 + u**3 / 907200 - u**4 / 95800320

@@ -39,7 +39,9 @@ class Tree:
     ``at``: index among Pinocchio's velocities of each arm coordinate, then of each of those rotors.
     """
 
-    def __init__(self, model: RobotModel, rotors: tuple[int, ...] = (), locked: tuple[int, ...] = ()):
+    def __init__(
+        self, model: RobotModel, rotors: tuple[int, ...] = (), locked: tuple[int, ...] = ()
+    ):
         self.model = m = pin.Model()
         m.gravity = pin.Motion(np.array(model.gravity), np.zeros(3))
         m.armature = np.zeros(0)
@@ -51,7 +53,11 @@ class Tree:
         for element in model.elements:
             place = place * se3(element.origin)
             for dof in element.dofs:
-                kind = pin.JointModelRevoluteUnaligned if dof.type == "rotation" else pin.JointModelPrismaticUnaligned
+                kind = (
+                    pin.JointModelRevoluteUnaligned
+                    if dof.type == "rotation"
+                    else pin.JointModelPrismaticUnaligned
+                )
                 joint = m.addJoint(joint, kind(np.array(dof.axis)), place, dof.name)
                 self._joint[dof.name] = joint
                 place = pin.SE3.Identity()
@@ -59,11 +65,15 @@ class Tree:
             self._load(element.name, joint, place, element.body)
             self._carry(element.name, joint, place)
         self._load("payload", joint, place, model.payload)
-        self.tool = m.addFrame(pin.Frame("tool", joint, 0, place * se3(model.tool), pin.FrameType.OP_FRAME))
+        self.tool = m.addFrame(
+            pin.Frame("tool", joint, 0, place * se3(model.tool), pin.FrameType.OP_FRAME)
+        )
         if model.motor_coupling != "complete":
             for j in rotors:
                 self._turn(j, 0, pin.SE3.Identity(), np.array([0.0, 0.0, 1.0]))
-        names = [c.name for c in model.coordinates] + [f"rotor {model.motors[j].name}" for j in rotors]
+        names = [c.name for c in model.coordinates] + [
+            f"rotor {model.motors[j].name}" for j in rotors
+        ]
         self.at = np.array([m.idx_vs[self._joint[name]] for name in names], dtype=int)
         m.armature = np.zeros(m.nv)
         self.data = m.createData()
@@ -86,8 +96,12 @@ class Tree:
     def _turn(self, j: int, parent: int, place: pin.SE3, axis: np.ndarray) -> None:
         motor = self._robot.motors[j]
         name = f"rotor {motor.name}"
-        self._joint[name] = self.model.addJoint(parent, pin.JointModelRevoluteUnaligned(axis), place, name)
-        self.model.appendBodyToJoint(self._joint[name], spin_inertia(motor.inertia, axis), pin.SE3.Identity())
+        self._joint[name] = self.model.addJoint(
+            parent, pin.JointModelRevoluteUnaligned(axis), place, name
+        )
+        self.model.appendBodyToJoint(
+            self._joint[name], spin_inertia(motor.inertia, axis), pin.SE3.Identity()
+        )
 
     def set_armature(self, k: int, moment: float) -> None:
         """Add to the armature of arm coordinate k."""
@@ -124,13 +138,17 @@ class Tree:
 
     def jacobian(self, q):
         """Velocity and angular velocity of the tool over the speeds."""
-        return self._columns(pin.computeFrameJacobian(self.model, self.data, *self._in(q), self.tool, WORLD))
+        return self._columns(
+            pin.computeFrameJacobian(self.model, self.data, *self._in(q), self.tool, WORLD)
+        )
 
     def jacobian_dot(self, q, v):
         """The rate of the Jacobian."""
         pin.computeJointJacobiansTimeVariation(self.model, self.data, *self._in(q, v))
         pin.updateFramePlacements(self.model, self.data)
-        return self._columns(pin.getFrameJacobianTimeVariation(self.model, self.data, self.tool, WORLD))
+        return self._columns(
+            pin.getFrameJacobianTimeVariation(self.model, self.data, self.tool, WORLD)
+        )
 
     def mass_matrix(self, q):
         """Composite rigid body algorithm."""
@@ -152,12 +170,19 @@ class Tree:
     def acceleration_derivatives(self, q, v, tau):
         """Slopes of the accelerations over q, over v and over the forces."""
         pin.computeABADerivatives(self.model, self.data, *self._in(q, v, tau))
-        return self._block(self.data.ddq_dq), self._block(self.data.ddq_dv), self._block(self._whole(self.data.Minv))
+        return (
+            self._block(self.data.ddq_dq),
+            self._block(self.data.ddq_dv),
+            self._block(self._whole(self.data.Minv)),
+        )
 
     def energies(self, q, v):
         """Kinetic and potential energy; Pinocchio leaves out what stands on the ground."""
         q, v = self._in(q, v)
-        kinetic, ground = pin.computeKineticEnergy(self.model, self.data, q, v), self.model.inertias[0]
+        kinetic, ground = (
+            pin.computeKineticEnergy(self.model, self.data, q, v),
+            self.model.inertias[0],
+        )
         standing = -ground.mass * self.model.gravity.linear @ ground.lever
         return kinetic, pin.computePotentialEnergy(self.model, self.data, q) + standing
 
@@ -165,7 +190,9 @@ class Tree:
         """What the bodies' drags ask of the joints."""
         out = np.zeros(len(self.at))
         for frame, drag in self._drags:
-            turning = self._columns(pin.computeFrameJacobian(self.model, self.data, *self._in(q), frame, WORLD))[3:]
+            turning = self._columns(
+                pin.computeFrameJacobian(self.model, self.data, *self._in(q), frame, WORLD)
+            )[3:]
             out += drag * turning.T @ (turning @ v)
         return out
 
@@ -182,7 +209,9 @@ class PinocchioReferee:
         armature = [
             j
             for j in every
-            if model.motor_coupling != "complete" and j not in model.i_m and len(model.motors[j].drives) == 1
+            if model.motor_coupling != "complete"
+            and j not in model.i_m
+            and len(model.motors[j].drives) == 1
         ]
         self.rotors = tuple(j for j in every if j not in armature)
         self.machine = Tree(model, self.rotors)
@@ -239,7 +268,11 @@ class PinocchioReferee:
 
     def rotor_torque(self, q_a, v_a, a_a, v_m, a_m):
         """Rates of the rotors' axial momenta, every motor with the speed and acceleration given."""
-        q, v, a = np.concatenate([q_a, 0 * v_m]), np.concatenate([v_a, v_m]), np.concatenate([a_a, a_m])
+        q, v, a = (
+            np.concatenate([q_a, 0 * v_m]),
+            np.concatenate([v_a, v_m]),
+            np.concatenate([a_a, a_m]),
+        )
         return self.whole.inverse_dynamics(q, v, a)[self.model.n_a :]
 
     # machine -----------------------------------------------------------------------------------------------------
@@ -262,7 +295,9 @@ class PinocchioReferee:
         gear = self._laws.gear_torque(q_a, v_a, x[n_a:], dx[n_a:])
         out[list(model.i_g)] += gear
         out[n_a:] -= np.linalg.solve(model.eta.T, gear)
-        out[n_a:] += tau_m - [friction_torque(m.friction, w) for m, w in zip(model.motors, dx[n_a:], strict=True)]
+        out[n_a:] += tau_m - [
+            friction_torque(m.friction, w) for m, w in zip(model.motors, dx[n_a:], strict=True)
+        ]
         return self.all.T @ out
 
     def forward_dynamics(self, q_a, v_a, q_m, v_m, tau_m):
@@ -300,7 +335,9 @@ class PinocchioReferee:
                 if dof.gear.side == "motor":
                     twist *= next(m.ratio[0] for m in model.motors if m.drives == (dof.name,))
                 out.append((twist, dof.gear.spring.stiffness, dof.gear.damping))
-        out += [(rows[n_a + j], 0.0, motor.friction.viscous) for j, motor in enumerate(model.motors)]
+        out += [
+            (rows[n_a + j], 0.0, motor.friction.viscous) for j, motor in enumerate(model.motors)
+        ]
         return out
 
     def linear_matrices(self):
@@ -317,7 +354,9 @@ class PinocchioReferee:
         """Kinetic and potential energy of a machine whose laws are all linear."""
         y, dy = self.minimal(q_a, q_m), self.minimal(v_a, v_m)
         kinetic, potential = self.whole.energies(self.all @ y, self.all @ dy)
-        return kinetic, potential + sum(k * (row @ self.all @ y) ** 2 / 2 for row, k, _ in self.linear_laws())
+        return kinetic, potential + sum(
+            k * (row @ self.all @ y) ** 2 / 2 for row, k, _ in self.linear_laws()
+        )
 
     def second_order(self, q_a, v_a, a_a, q_m, v_m, a_m):
         """M, D, K, B of a machine whose laws are all linear."""

@@ -40,16 +40,26 @@ class PlanarArm:
         return np.roots([self.i_eff, self.kappa * self.damping, self.kappa * self.stiffness])
 
 
-def planar_arm(rng: np.random.Generator, distance: float, bent: bool = False, gravity: bool = True) -> PlanarArm:
+def planar_arm(
+    rng: np.random.Generator, distance: float, bent: bool = False, gravity: bool = True
+) -> PlanarArm:
     """A random arm with ``I_eff = distance (j + m xi^2)``; ``bent``: with a link angle up to 60 degrees."""
     base = read("planar5_nmp")
-    l1, l2, m, xi = rng.uniform(0.4, 1.2), rng.uniform(0.2, 0.8), rng.uniform(2.0, 40.0), rng.uniform(0.05, 0.4)
+    l1, l2, m, xi = (
+        rng.uniform(0.4, 1.2),
+        rng.uniform(0.2, 0.8),
+        rng.uniform(2.0, 40.0),
+        rng.uniform(0.05, 0.4),
+    )
     j = m * xi**2 * rng.uniform(0.2, 3.0)
     length = (1 - distance) * (j + m * xi**2) / (m * xi)
     stiffness = m * length**2 * rng.uniform(200.0, 900.0) ** 2
     damping = stiffness * rng.uniform(1e-4, 2e-3)
     while True:
-        pose = (float(rng.uniform(-2.0, 2.0)), float(rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 2.6)))
+        pose = (
+            float(rng.uniform(-2.0, 2.0)),
+            float(rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 2.6)),
+        )
         bend = float(rng.uniform(-1.0, 1.0)) if bent else 0.0
         kappa = 1 + length * math.sin(pose[1] + bend) / (l2 * math.sin(pose[1]))
         if abs(kappa) > 0.1:

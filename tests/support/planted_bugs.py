@@ -23,13 +23,16 @@ def wrong_coriolis(a: Answers, model: RobotModel) -> Answers:
         def residual(a_a):
             return a.residual(q_a, v_a, a_a, q_m, v_m, a_m, tau_m)[0]
 
-        assert len(model.i_m) == model.n_m and model.motor_coupling == "simplified"  # then the arm's rows are alone
+        # then the arm's rows are alone
+        assert len(model.i_m) == model.n_m and model.motor_coupling == "simplified"
         M = np.array([residual(a_a + e) - residual(a_a) for e in np.eye(model.n_a)]).T
         return a_a + np.linalg.solve(M, np.sign(M[0, 0]) * twice_c(q_a, v_a)), a_m
 
     return a.but(
         bias=lambda q_a, v_a: a.bias(q_a, v_a) - twice_c(q_a, v_a),
-        inverse_dynamics=lambda q_a, v_a, a_a: a.inverse_dynamics(q_a, v_a, a_a) - twice_c(q_a, v_a),
+        inverse_dynamics=lambda q_a, v_a, a_a: (
+            a.inverse_dynamics(q_a, v_a, a_a) - twice_c(q_a, v_a)
+        ),
         forward_dynamics=forward_dynamics,
     )
 
@@ -44,7 +47,9 @@ def asymmetric_mass(a: Answers, model: RobotModel) -> Answers:
 
 
 def indefinite_mass(a: Answers, model: RobotModel) -> Answers:
-    return a.but(mass_matrix=lambda q_a: a.mass_matrix(q_a) - 2 * np.diag(np.diag(a.mass_matrix(q_a))))
+    return a.but(
+        mass_matrix=lambda q_a: a.mass_matrix(q_a) - 2 * np.diag(np.diag(a.mass_matrix(q_a)))
+    )
 
 
 def wrong_gravity(a: Answers, model: RobotModel) -> Answers:
@@ -72,7 +77,11 @@ def scaled(name: str, factor):
     def bug(a: Answers, model: RobotModel) -> Answers:
         def answer(*x):
             y = getattr(a, name)(*x)
-            return tuple(f * z for f, z in zip(factor, y, strict=True)) if isinstance(y, tuple) else factor * y
+            return (
+                tuple(f * z for f, z in zip(factor, y, strict=True))
+                if isinstance(y, tuple)
+                else factor * y
+            )
 
         return a.but(**{name: answer})
 

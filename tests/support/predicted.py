@@ -12,7 +12,9 @@ SAMPLE_S = 2.5e-4
 
 
 def in_the_loop(
-    found: flexgen.Prediction, changes: list[dict[str, float]], solution: flexgen.Solution | None = None
+    found: flexgen.Prediction,
+    changes: list[dict[str, float]],
+    solution: flexgen.Solution | None = None,
 ) -> np.ndarray:
     """Largest errors [m] of robots whose numbers are multiplied by these factors; ``solution``: other torques."""
     gains, plants = found.feedback, {f"r{k}": robot for k, robot in enumerate(changes)}
@@ -50,4 +52,6 @@ class Drawn:
 
     def predicted(self) -> np.ndarray:
         """Their largest errors [m]."""
-        return np.asarray(np.linalg.norm(response(self.along, self.errors).error, axis=2).max(axis=0))
+        return np.asarray(
+            np.linalg.norm(response(self.along, self.errors).error, axis=2).max(axis=0)
+        )

@@ -28,14 +28,18 @@ def duration_of(equations) -> float:
     return flexgen.plan(equations).duration
 
 
-def error_in_mujoco(equations, path: Trajectory, sign: float = 1.0, step: float | None = None) -> float:
+def error_in_mujoco(
+    equations, path: Trajectory, sign: float = 1.0, step: float | None = None
+) -> float:
     """Largest distance [m] of MuJoCo's tool from the path, under the torque and ``sign`` times the force: RK4."""
     import mujoco
 
     model = equations.model
     m = mujoco.MjModel.from_xml_string(mjcf(model))
     d = mujoco.MjData(m)
-    names = [c.name for c in model.coordinates] + [f"rotor.{model.motors[j].name}" for j in model.i_m]
+    names = [c.name for c in model.coordinates] + [
+        f"rotor.{model.motors[j].name}" for j in model.i_m
+    ]
     at = m.jnt_dofadr[[m.joint(name).id for name in names]]
     motors, site = [m.actuator(motor.name).id for motor in model.motors], m.site("tool").id
     body = m.site_bodyid[site]
@@ -49,7 +53,9 @@ def error_in_mujoco(equations, path: Trajectory, sign: float = 1.0, step: float 
         k = min(round((d.time - start) / (h / 2)), 2 * steps)
         d.ctrl[motors] = torques[k]
         d.xfrc_applied[body, :3] = forces[k, :3]
-        d.xfrc_applied[body, 3:] = forces[k, 3:] + np.cross(d.site_xpos[site] - d.xipos[body], forces[k, :3])
+        d.xfrc_applied[body, 3:] = forces[k, 3:] + np.cross(
+            d.site_xpos[site] - d.xipos[body], forces[k, :3]
+        )
 
     d.time = start
     d.qpos[at] = np.concatenate([path["q_a"][0], path["q_m"][0][i_m]])
@@ -61,5 +67,7 @@ def error_in_mujoco(equations, path: Trajectory, sign: float = 1.0, step: float 
             moved.append(d.qpos[at].copy())
     finally:
         mujoco.set_mjcb_control(None)
-    y = evaluate(equations.function("output"), np.array(moved)[:, : model.n_a])[0].reshape(steps + 1, -1)
+    y = evaluate(equations.function("output"), np.array(moved)[:, : model.n_a])[0].reshape(
+        steps + 1, -1
+    )
     return float(np.linalg.norm(y - given["y_ref"][::2], axis=1).max())

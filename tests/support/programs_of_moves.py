@@ -14,7 +14,11 @@ LIMITS = {
     "torque_rate_max": (235.0, 246.0, 200.0, 159.0, 173.0, 141.0),
     "torque_rms_max": (1.37, 2.6, 4.77, 0.30, 0.42, 0.17),
 }
-GEARS = {"element.body1.dof.q1": 710.0, "element.body2.dof.q2": 1120.0, "element.body3.dof.q3": 503.0}
+GEARS = {
+    "element.body1.dof.q1": 710.0,
+    "element.body2.dof.q2": 1120.0,
+    "element.body3.dof.q3": 503.0,
+}
 SPRINGS = {
     "element.body1.dof.t1z": 7.1e-4,
     "element.body2.dof.b1y": 2.1e-4,
@@ -32,7 +36,11 @@ def ten_motions() -> tuple[flexgen.RobotModel, flexgen.Program]:
     for k, motor in enumerate(plain.motors):
         keys |= {f"motor.{motor.name}.{name}": values[k] for name, values in LIMITS.items()}
         torque, speed = TORQUES[k], LIMITS["speed_max"][k]
-        keys[f"motor.{motor.name}.torque_speed"] = [[0.0, torque], [0.5 * speed, torque], [1.1 * speed, 0.3 * torque]]
+        keys[f"motor.{motor.name}.torque_speed"] = [
+            [0.0, torque],
+            [0.5 * speed, torque],
+            [1.1 * speed, 0.3 * torque],
+        ]
     keys |= {f"{place}.gear.torque_max": torque for place, torque in GEARS.items()}
     keys |= {f"{place}.deflection_max": size for place, size in SPRINGS.items()}
     return flexgen.read("manutec_r3_18", overrides=keys), _program(np.array(plain.home))
@@ -56,5 +64,8 @@ def _program(home: np.ndarray) -> flexgen.Program:
         MoveL((0.0, -0.1, 0.1)),
         MoveJ(near(0, 0, 0, 0, 0, 0)),
     )
-    tool, joints = (0.5, 2.0, 20.0, 200.0), (1.5, 6.0, 60.0, 600.0)  # m/s, rad/s and their derivatives
-    return flexgen.Program("ten", start=tuple(home), smoothness=5, steps=steps, profile=tool, joint_profile=joints)
+    # m/s, rad/s and their derivatives
+    tool, joints = (0.5, 2.0, 20.0, 200.0), (1.5, 6.0, 60.0, 600.0)
+    return flexgen.Program(
+        "ten", start=tuple(home), smoothness=5, steps=steps, profile=tool, joint_profile=joints
+    )

@@ -11,12 +11,26 @@ import flexgen
 from flexgen.mechanics.system import ImplicitDae
 from flexgen.type_checks import FROM_FILES, checks_of
 
-RETURNED = (ImplicitDae,)  # classes of results without a name in flexgen, documented in the reference
+# classes of results without a name in flexgen, documented in the reference
+RETURNED = (ImplicitDae,)
 # Called for each sample in a controller: they check their arrays themselves, and take anything that is one.
-ARRAYS = {"Function.__call__", "Inverter.__call__", "LimitedInverter.__call__", "InverseKinematics.__call__"}
+ARRAYS = {
+    "Function.__call__",
+    "Inverter.__call__",
+    "LimitedInverter.__call__",
+    "InverseKinematics.__call__",
+}
 ARRAYS |= {"PathSampler.__call__", "Stream.update"}
 LOOKUPS = {"__getitem__"}  # errors of a key: KeyError and IndexError are what Python demands
-MADE = {"Function", "Inverter", "LimitedInverter", "ManyInverter", "InverseKinematics", "Library", "PathSampler"}
+MADE = {
+    "Function",
+    "Inverter",
+    "LimitedInverter",
+    "ManyInverter",
+    "InverseKinematics",
+    "Library",
+    "PathSampler",
+}
 MADE |= {"Stream"}
 
 
@@ -55,7 +69,12 @@ def of_class(what: type) -> Iterator[Entrance]:
         member = inspect.getattr_static(what, name)
         member = getattr(member, "__func__", member)
         public = not name.startswith("_") or name == "__call__"
-        if public and name != FROM_FILES and inspect.isfunction(member) and member.__module__.startswith("flexgen"):
+        if (
+            public
+            and name != FROM_FILES
+            and inspect.isfunction(member)
+            and member.__module__.startswith("flexgen")
+        ):
             yield Entrance(f"{what.__name__}.{name}", member, what)
 
 

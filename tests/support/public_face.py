@@ -52,14 +52,24 @@ def names() -> str:
         what = getattr(flexgen, name)
         lines.append(name + _parameters(what))
         if inspect.isclass(what):
-            own = {member: getattr(what, member) for member in sorted(vars(what)) if not member.startswith("_")}
-            lines += [f"{name}.{member}{_parameters(one)}" for member, one in own.items() if inspect.isroutine(one)]
+            own = {
+                member: getattr(what, member)
+                for member in sorted(vars(what))
+                if not member.startswith("_")
+            }
+            lines += [
+                f"{name}.{member}{_parameters(one)}"
+                for member, one in own.items()
+                if inspect.isroutine(one)
+            ]
     return "\n".join(lines) + "\n"
 
 
 def _parameters(what: Any) -> str:
     """Parameters and defaults of a function or class; empty for values, errors, protocols and enums."""
-    kind = inspect.isclass(what) and (issubclass(what, Exception | Enum) or getattr(what, "_is_protocol", False))
+    kind = inspect.isclass(what) and (
+        issubclass(what, Exception | Enum) or getattr(what, "_is_protocol", False)
+    )
     return "" if kind or not callable(what) else str(inspect.signature(what))
 
 
@@ -68,7 +78,11 @@ def results() -> str:
     with tempfile.TemporaryDirectory() as folder:
         made = _made(Path(folder))
         parts = [f"=== {name}\n{what!r}\n--- print\n{what}\n" for name, what in made.items()]
-        parts += [f"=== {name}._repr_html_()\n{what._repr_html_()}\n" for name, what in made.items() if _has_html(what)]
+        parts += [
+            f"=== {name}._repr_html_()\n{what._repr_html_()}\n"
+            for name, what in made.items()
+            if _has_html(what)
+        ]
         text = "\n".join(parts).replace(folder, "FOLDER")
     for pattern, put in VARYING:
         text = pattern.sub(put, text)
@@ -76,7 +90,8 @@ def results() -> str:
 
 
 def _has_html(what: Any) -> bool:
-    return hasattr(what, "_repr_html_") and not isinstance(what, flexgen.Analysis)  # its page is long
+    # its page is long
+    return hasattr(what, "_repr_html_") and not isinstance(what, flexgen.Analysis)
 
 
 def _made(folder: Path) -> dict[str, Any]:

@@ -23,11 +23,50 @@ from flexgen.type_checks import checks_of
 
 NONSENSE: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 3, 10**400, -(10**25), 2**63, 1e308, -1e308, 1e-320, 0.5, -2.5),
-    *(float("nan"), float("inf"), -float("inf"), np.float64("nan"), np.int64(-7), np.array(2.0), 1j),
-    *("", "x", "a\0b", "\ud800", "elbow", "nosuch@x", "../x", "x" * 5000, b"x", bytearray(b"y"), Path("nosuch")),
-    *([], [1, 2], [float("nan")], ["x", 1], [[1], [2, 3]], (), (1.5,), (0.1, 0.2), (None, None), {1, 2}, range(3)),
+    *(
+        float("nan"),
+        float("inf"),
+        -float("inf"),
+        np.float64("nan"),
+        np.int64(-7),
+        np.array(2.0),
+        1j,
+    ),
+    *(
+        "",
+        "x",
+        "a\0b",
+        "\ud800",
+        "elbow",
+        "nosuch@x",
+        "../x",
+        "x" * 5000,
+        b"x",
+        bytearray(b"y"),
+        Path("nosuch"),
+    ),
+    *(
+        [],
+        [1, 2],
+        [float("nan")],
+        ["x", 1],
+        [[1], [2, 3]],
+        (),
+        (1.5,),
+        (0.1, 0.2),
+        (None, None),
+        {1, 2},
+        range(3),
+    ),
     *({}, {"a": 1}, {1: 2}, {"payload.mass": float("nan")}, {"nominal": {}}, {"x": None}),
-    *(np.zeros(0), np.zeros(2), np.zeros((2, 3)), np.full(2, np.nan), np.array([None, "x"]), np.ones((2, 2)) * 1j),
+    *(
+        np.zeros(0),
+        np.zeros(2),
+        np.zeros((2, 3)),
+        np.full(2, np.nan),
+        np.array([None, "x"]),
+        np.ones((2, 2)) * 1j,
+    ),
     *(object(), object, len, lambda *a, **k: None, Ellipsis, NotImplemented),
 )
 # Functions and methods that compute for seconds where nothing is wrong: called with one wrong type at least.
@@ -37,7 +76,8 @@ HEAVY = set(
     "export_plcopen export_ros2 export_selftest export_simulink export_mujoco export_urdf view models kinematics "
     "simulate load check report verdict then plot to_dataframe to_xarray to_control".split()
 )
-COSTLY = {"ConstantGainObserver", "ExtendedKalmanFilter"}  # constructors that compute before types are checked
+# constructors that compute before types are checked
+COSTLY = {"ConstantGainObserver", "ExtendedKalmanFilter"}
 NEVER = {"executor", "controller", "raw"}  # objects of the user, called by flexgen
 LONGEST = 4.0  # s of the processor, of one call
 
@@ -67,12 +107,43 @@ def known_objects() -> dict[type, Any]:
     equations = flexgen.derive("elbow")
     path, ones = flexgen.plan(equations), np.ones(2)
     objects = [
-        *(solution, solution.trajectory, solution.model, solution.move, equations, solution.torque_command, path),
-        *(flexgen.analyze(equations), flexgen.Limits(torque=(10.0, 10.0)), path.sample(np.linspace(0, 1, 3))),
-        *(flexgen.Notch(10.0), flexgen.LowPass(50.0), flexgen.PPI(), flexgen.Grid(models=["elbow"])),
-        *(flexgen.DriveHardware(), flexgen.plan_problem(equations), flexgen.Sphere((1.0, 0.0, 0.0), 0.1)),
-        *(flexgen.Cascade(ones, ones, ones), flexgen.PID(ones, ones, ones), flexgen.LQG(), flexgen.RandomMove(0)),
-        *(flexgen.Linear(*[np.eye(2)] * 4), flexgen.TomeiPD(), flexgen.ComputedTorque(), flexgen.LoopShaping()),
+        *(
+            solution,
+            solution.trajectory,
+            solution.model,
+            solution.move,
+            equations,
+            solution.torque_command,
+            path,
+        ),
+        *(
+            flexgen.analyze(equations),
+            flexgen.Limits(torque=(10.0, 10.0)),
+            path.sample(np.linspace(0, 1, 3)),
+        ),
+        *(
+            flexgen.Notch(10.0),
+            flexgen.LowPass(50.0),
+            flexgen.PPI(),
+            flexgen.Grid(models=["elbow"]),
+        ),
+        *(
+            flexgen.DriveHardware(),
+            flexgen.plan_problem(equations),
+            flexgen.Sphere((1.0, 0.0, 0.0), 0.1),
+        ),
+        *(
+            flexgen.Cascade(ones, ones, ones),
+            flexgen.PID(ones, ones, ones),
+            flexgen.LQG(),
+            flexgen.RandomMove(0),
+        ),
+        *(
+            flexgen.Linear(*[np.eye(2)] * 4),
+            flexgen.TomeiPD(),
+            flexgen.ComputedTorque(),
+            flexgen.LoopShaping(),
+        ),
         flexgen.Disturbance("step", "m1", 1.0),
         flexgen.Impedance(joint_stiffness=(1e6, 1e6)),
         flexgen.Wall((2.0, 0.0, 0.0), (-1.0, 0.0, 0.0), 1e4),
@@ -94,15 +165,44 @@ def more_objects(folder: Path) -> dict[type, Any]:
     moved = (1 - np.cos(2 * t)[:, None]) ** 2 * [0.1, -0.05]
     record = flexgen.ServoRecord(t, moved, moved)
     objects = [
-        *(run, run.accuracy(), run.runs[0], run.loops()["begin"], run.margins()["begin"], plan, spectra, responses),
-        *(flexgen.check("elbow"), flexgen.identify("elbow", responses, **quiet), library, library.gravity),
-        *(library.invert, library.invert_many, library.path_sampler(path.table()), flexgen.InversionOptions()),
+        *(
+            run,
+            run.accuracy(),
+            run.runs[0],
+            run.loops()["begin"],
+            run.margins()["begin"],
+            plan,
+            spectra,
+            responses,
+        ),
+        *(
+            flexgen.check("elbow"),
+            flexgen.identify("elbow", responses, **quiet),
+            library,
+            library.gravity,
+        ),
+        *(
+            library.invert,
+            library.invert_many,
+            library.path_sampler(path.table()),
+            flexgen.InversionOptions(),
+        ),
         library.stream(path.sample([0.0]).y[0, :, 0], path.q_start, period=5e-3, intervals=20),
         *(flexgen.score("four_mass", steps=1, **quiet), flexgen.fastest("elbow", **quiet)),
-        *(flexgen.ExtendedKalmanFilter(robot), flexgen.ConstantGainObserver(known[flexgen.Solution])),
+        *(
+            flexgen.ExtendedKalmanFilter(robot),
+            flexgen.ConstantGainObserver(known[flexgen.Solution]),
+        ),
         flexgen.CollisionDetector(robot, 1e-3),
-        flexgen.predict(flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}), robots=16, **quiet),
-        *(calibrated(), flexgen.Servo(flexgen.PPI()), record, flexgen.identify_servo("elbow", record, **quiet)),
+        flexgen.predict(
+            flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}), robots=16, **quiet
+        ),
+        *(
+            calibrated(),
+            flexgen.Servo(flexgen.PPI()),
+            record,
+            flexgen.identify_servo("elbow", record, **quiet),
+        ),
         flexgen.identify_gears("elbow", run.trajectory(), hysteresis=False, **quiet),
         flexgen.command_positions("elbow", solution=known[flexgen.Solution], **quiet),
     ]
@@ -112,9 +212,14 @@ def more_objects(folder: Path) -> dict[type, Any]:
 def calibrated() -> flexgen.Calibration:
     """Of 20 poses of a robot with a tracker."""
     tracker = {"name": "p", "type": "tracker", "unit": "m", "position": [0.1, 0.0, 0.0]}
-    robot, q = flexgen.read("elbow", overrides={"sensor": [tracker]}), np.random.default_rng(0).uniform(-1, 1, (20, 2))
+    robot, q = (
+        flexgen.read("elbow", overrides={"sensor": [tracker]}),
+        np.random.default_rng(0).uniform(-1, 1, (20, 2)),
+    )
     seen = flexgen.tracker_positions(robot, q)
-    return flexgen.calibrate(robot, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0, progress=False)
+    return flexgen.calibrate(
+        robot, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0, progress=False
+    )
 
 
 def callables(objects: dict[type, Any]) -> list[Entrance]:
@@ -135,7 +240,9 @@ def is_heavy(entrance: Entrance) -> bool:
     return entrance.name.rpartition(".")[2] in HEAVY
 
 
-def drawn(rng: np.random.Generator, entrance: Entrance, objects: dict[type, Any]) -> tuple[dict[str, Any], list[Any]]:
+def drawn(
+    rng: np.random.Generator, entrance: Entrance, objects: dict[type, Any]
+) -> tuple[dict[str, Any], list[Any]]:
     """Arguments of one call by name, and further positional ones."""
     arguments: dict[str, Any] = {}
     others: list[Any] = []
@@ -146,7 +253,9 @@ def drawn(rng: np.random.Generator, entrance: Entrance, objects: dict[type, Any]
             others = [pick(rng) for _ in range(rng.integers(0, 3))]
         elif parameter.default is parameter.empty or rng.random() < 0.3:
             arguments[name] = (
-                plausible(rng, str(parameter.annotation), name, objects) if rng.random() < 0.6 else pick(rng)
+                plausible(rng, str(parameter.annotation), name, objects)
+                if rng.random() < 0.6
+                else pick(rng)
             )
     return arguments, others
 
@@ -155,7 +264,9 @@ def pick(rng: np.random.Generator) -> Any:
     return NONSENSE[int(rng.integers(0, len(NONSENSE)))]
 
 
-def plausible(rng: np.random.Generator, annotation: str, name: str, objects: dict[type, Any]) -> Any:
+def plausible(
+    rng: np.random.Generator, annotation: str, name: str, objects: dict[type, Any]
+) -> Any:
     """A value of the type of a parameter, not always one that makes sense."""
     if name in ("model", "name") and "str" in annotation:
         return "elbow"
@@ -170,7 +281,15 @@ def plausible(rng: np.random.Generator, annotation: str, name: str, objects: dic
     if "Sequence" in annotation or "tuple" in annotation or "Vector" in annotation:
         choices += [(), (0.1, 0.2), (0.1, 0.2, 0.3), (-1.0,), [1e300, 1e300]]
     if "ndarray" in annotation:
-        choices += [np.zeros(0), np.ones(2), np.eye(2), -np.ones(3), np.ones((2, 3, 4)), np.full(2, 1e300), 1.0]
+        choices += [
+            np.zeros(0),
+            np.ones(2),
+            np.eye(2),
+            -np.ones(3),
+            np.ones((2, 3, 4)),
+            np.full(2, 1e300),
+            1.0,
+        ]
     if "str" in annotation:
         choices += ["line", "", "x", "elbow", "q_m", "zoh"]
     if "bool" in annotation:
@@ -183,7 +302,9 @@ def plausible(rng: np.random.Generator, annotation: str, name: str, objects: dic
 def wrong_type(call: Callable[..., Any], arguments: dict[str, Any]) -> bool:
     """Whether a parameter of a call has a value that its annotation excludes."""
     checks = checks_of(call)
-    return any(name in checks and not checks[name].passes(value) for name, value in arguments.items())
+    return any(
+        name in checks and not checks[name].passes(value) for name, value in arguments.items()
+    )
 
 
 def call_at_random(
@@ -206,7 +327,9 @@ def call_at_random(
             outcome.refused += 1
         elif error is not None:
             outcome.types[type(error).__name__] += 1
-            outcome.leaks.setdefault(f"{entrance.name}: {place(error)}", f"{error!s:.100} of {arguments!r:.300}")
+            outcome.leaks.setdefault(
+                f"{entrance.name}: {place(error)}", f"{error!s:.100} of {arguments!r:.300}"
+            )
         spent = time.process_time() - began
         if spent > outcome.slowest[0]:
             outcome.slowest = (spent, f"{entrance.name} {arguments!r:.300}")
@@ -239,7 +362,9 @@ def two_of_each_type(k: int) -> tuple[Any, ...]:
     types: dict[type, list[Any]] = {}
     for value in NONSENSE:
         types.setdefault(type(value), []).append(value)
-    return tuple(each[(k + more) % len(each)] for each in types.values() for more in range(min(2, len(each))))
+    return tuple(
+        each[(k + more) % len(each)] for each in types.values() for more in range(min(2, len(each)))
+    )
 
 
 def accepted(entrance: Entrance, objects: dict[type, Any]) -> Iterator[str]:
@@ -255,7 +380,8 @@ def accepted(entrance: Entrance, objects: dict[type, Any]) -> Iterator[str]:
             arguments = {
                 other: plausible(rng, str(parameter.annotation), other, objects)
                 for other, parameter in parameters.items()
-                if parameter.default is parameter.empty and parameter.kind is not parameter.VAR_POSITIONAL
+                if parameter.default is parameter.empty
+                and parameter.kind is not parameter.VAR_POSITIONAL
             }
             error = raised(entrance.call, (), arguments | {name: value})
             if not isinstance(error, FlexgenError | TypeError):

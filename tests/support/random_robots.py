@@ -38,7 +38,8 @@ from flexgen.model.elements import (
     Spring,
 )
 
-POSED = 1e-6  # least eigenvalue of the mass matrix scaled to a unit diagonal: coordinates that can be told apart
+# least eigenvalue of the mass matrix scaled to a unit diagonal: coordinates that can be told apart
+POSED = 1e-6
 POSES = ("anywhere", "anywhere", "square")
 PLACEMENTS = ("none", "quarter", "shifted", "general")
 TILTED = 0.1  # share of the axes and quarter turns that are off by a small angle
@@ -154,7 +155,8 @@ class _Chain:
     rng: np.random.Generator
     linear: bool
     rigid: tuple[bool, ...]
-    alone: tuple[bool, ...]  # axes with a motor of their own: only there the spring may be stated on the motor side
+    # axes with a motor of their own: only there the spring may be stated on the motor side
+    alone: tuple[bool, ...]
     ratios: list[float]
     elements: list[Element]
     dofs: list[Dof]
@@ -163,7 +165,11 @@ class _Chain:
         """An axis that the degree of freedom just before has not."""
         for _ in range(20):
             new = axis(self.rng, general)
-            if not self.dofs or self.dofs[-1].type != kind or abs(np.dot(self.dofs[-1].axis, new)) < 0.99:
+            if (
+                not self.dofs
+                or self.dofs[-1].type != kind
+                or abs(np.dot(self.dofs[-1].axis, new)) < 0.99
+            ):
                 break
         return new
 
@@ -187,7 +193,9 @@ class _Chain:
         damping = float(rng.choice([0.0, 1.0]) * stiffness * spread(rng, 1e-4, 1e-2))
         made = spring(rng, stiffness, self.linear)
         rub = friction(rng, 2.0, self.linear)
-        self.dofs.append(Dof(name, kind, self.axis(kind, general), spring=made, damping=damping, friction=rub))
+        self.dofs.append(
+            Dof(name, kind, self.axis(kind, general), spring=made, damping=damping, friction=rub)
+        )
 
     def close(self, origin: str, link: str, kind: str) -> None:
         """End the element: what was added since the last one moves a body of a kind."""
@@ -195,26 +203,41 @@ class _Chain:
         drag = 0.0 if self.linear else float(rng.choice([0.0, 0.3]))
         made = body(rng, kind, drag)
         name = f"b{len(self.elements)}"
-        self.elements.append(Element(name, tuple(self.dofs), placement(rng, origin), placement(rng, link), made))
+        self.elements.append(
+            Element(name, tuple(self.dofs), placement(rng, origin), placement(rng, link), made)
+        )
         self.dofs = []
 
 
 @st.composite
 def robots(
-    draw: st.DrawFn, linear: bool | None = None, coupling: str | None = None, gears: str | None = None
+    draw: st.DrawFn,
+    linear: bool | None = None,
+    coupling: str | None = None,
+    gears: str | None = None,
 ) -> RobotModel:
     """Robots; ``linear``, ``coupling`` and ``gears`` ("elastic", "rigid", "mixed") where they are not left open."""
     linear = draw(st.booleans()) if linear is None else linear
-    coupling = draw(st.sampled_from(["simplified", "simplified", "complete"])) if coupling is None else coupling
-    gears = draw(st.sampled_from(["elastic", "elastic", "rigid", "mixed"])) if gears is None else gears
+    coupling = (
+        draw(st.sampled_from(["simplified", "simplified", "complete"]))
+        if coupling is None
+        else coupling
+    )
+    gears = (
+        draw(st.sampled_from(["elastic", "elastic", "rigid", "mixed"])) if gears is None else gears
+    )
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n = draw(st.integers(1, 7))
-    wrist = draw(st.integers(0, n - 1))  # this axis and the one before it have coupled motors; 0: there is none
+    # this axis and the one before it have coupled motors; 0: there is none
+    wrist = draw(st.integers(0, n - 1))
     rigid = [gears == "rigid" or (gears == "mixed" and draw(st.booleans())) for _ in range(n)]
     if wrist:
         rigid[wrist] = rigid[wrist - 1]
     types = [draw(st.sampled_from(["rotation"] * 4 + ["translation"])) for _ in range(n)]
-    ratios = [float(rng.choice([-1, 1])) * spread(rng, 10.0, 200.0) * (1 if t == "rotation" else 5) for t in types]
+    ratios = [
+        float(rng.choice([-1, 1])) * spread(rng, 10.0, 200.0) * (1 if t == "rotation" else 5)
+        for t in types
+    ]
     alone = tuple(k not in (wrist, wrist - 1) or not wrist for k in range(n))
     chain = _Chain(rng, linear, tuple(rigid), alone, ratios, [], [])
     places, bodies, left = st.sampled_from(PLACEMENTS), st.sampled_from(BODIES), 18 - n
@@ -260,7 +283,11 @@ def robots(
         name="drawn",
         description="made for tests",
         source="random numbers",
-        gravity=vector(draw(st.sampled_from([np.array([0.0, 0.0, -9.81]), np.zeros(3), rng.normal(size=3) * 6]))),
+        gravity=vector(
+            draw(
+                st.sampled_from([np.array([0.0, 0.0, -9.81]), np.zeros(3), rng.normal(size=3) * 6])
+            )
+        ),
         base=placement(rng, draw(places)),
         elements=elements,
         motors=tuple(motors),
@@ -289,14 +316,20 @@ def state(model: RobotModel, rng: np.random.Generator, pose: str) -> State:
             q_a[i] = 0.0 if pose == "square" else twist_size(dof.spring) * rng.uniform(-1, 1)
             v_a[i] *= 0.3
         elif dof.type == "rotation":
-            q_a[i] = rng.integers(-2, 3) * np.pi / 2 if pose == "square" else rng.uniform(-np.pi, np.pi)
+            q_a[i] = (
+                rng.integers(-2, 3) * np.pi / 2 if pose == "square" else rng.uniform(-np.pi, np.pi)
+            )
         else:
             q_a[i] = rng.integers(-1, 2) * 0.5 if pose == "square" else 0.8 * rng.uniform(-1, 1)
     for k, i in enumerate(i_g):
         gear = model.coordinates[i].dof.gear
         if not gear.rigid:
-            on_motor = gear.side == "motor" and not isinstance(gear.spring, LinearSpring | CubicSpring)
-            twist[k] = twist_size(gear.spring) / (np.abs(model.eta[:, k]).max() if on_motor else 1.0)
+            on_motor = gear.side == "motor" and not isinstance(
+                gear.spring, LinearSpring | CubicSpring
+            )
+            twist[k] = twist_size(gear.spring) / (
+                np.abs(model.eta[:, k]).max() if on_motor else 1.0
+            )
     q_m = model.eta @ (q_a[i_g] + twist * draw(model.n_g))
     v_m = model.eta @ (v_a[i_g] * (1 + 0.05 * draw(model.n_g)))
     tau_m = np.linalg.solve(model.eta.T, 100 * draw(model.n_g))
@@ -353,7 +386,7 @@ def roll_pitch_yaw(rotation) -> tuple[float, float, float]:
     return math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1]), pitch, yaw
 
 
-def text_of(model: RobotModel) -> str:
+def text_of(model: RobotModel) -> str:  # noqa: C901
     """The model as the text of a model file."""
 
     def row(values) -> str:
@@ -366,13 +399,13 @@ def text_of(model: RobotModel) -> str:
     def solid(b: Body) -> str:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = b.inertia
         inertia = row((xx, yy, zz, xy, yz, xz))
-        return (
-            f"{{ mass = {b.mass!r}, com = {row(b.com)}, inertia = {inertia}, rotational_drag = {b.rotational_drag!r} }}"
-        )
+        return f"{{ mass = {b.mass!r}, com = {row(b.com)}, inertia = {inertia}, rotational_drag = {b.rotational_drag!r} }}"
 
     def law(s: Spring) -> str:
         kind = type(s).__name__.removesuffix("Spring").lower()
-        return f'{{ type = "{kind}", ' + ", ".join(f"{k} = {v!r}" for k, v in vars(s).items()) + " }"
+        return (
+            f'{{ type = "{kind}", ' + ", ".join(f"{k} = {v!r}" for k, v in vars(s).items()) + " }"
+        )
 
     def rub(f: Friction) -> str:
         return "{ " + ", ".join(f"{k} = {v!r}" for k, v in vars(f).items()) + " }"
@@ -396,7 +429,12 @@ def text_of(model: RobotModel) -> str:
         lines += ["[[element]]", f'name = "{element.name}"', f"origin = {pose(element.origin)}"]
         lines += [f"link = {pose(element.link)}", f"body = {solid(element.body)}"]
         for dof in element.dofs:
-            lines += ["[[element.dof]]", f'name = "{dof.name}"', f'type = "{dof.type}"', f"axis = {row(dof.axis)}"]
+            lines += [
+                "[[element.dof]]",
+                f'name = "{dof.name}"',
+                f'type = "{dof.type}"',
+                f"axis = {row(dof.axis)}",
+            ]
             lines.append(f"friction = {rub(dof.friction)}")
             if dof.gear is not None:
                 lines.append(f"gear = {drive(dof.gear)}")
@@ -404,7 +442,12 @@ def text_of(model: RobotModel) -> str:
                 lines += [f"spring = {law(dof.spring)}", f"damping = {dof.damping!r}"]
     for motor in model.motors:
         names = ", ".join(f'"{name}"' for name in motor.drives)
-        lines += ["[[motor]]", f'name = "{motor.name}"', f"drives = [{names}]", f"ratio = {row(motor.ratio)}"]
+        lines += [
+            "[[motor]]",
+            f'name = "{motor.name}"',
+            f"drives = [{names}]",
+            f"ratio = {row(motor.ratio)}",
+        ]
         lines += [f"inertia = {motor.inertia!r}", f"friction = {rub(motor.friction)}"]
         if motor.axis is not None:
             lines += [f"axis = {row(motor.axis)}", f'carrier = "{motor.carrier}"']

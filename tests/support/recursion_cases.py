@@ -9,7 +9,15 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from referee import State, matrix, model_of, random_axis, random_body, random_placement, random_state
+from referee import (
+    State,
+    matrix,
+    model_of,
+    random_axis,
+    random_body,
+    random_placement,
+    random_state,
+)
 from scipy.spatial.transform import Rotation
 
 from flexgen.errors import ModelError
@@ -46,9 +54,17 @@ def dense_chain(n: int, seed: int, sliding: bool = False) -> RobotModel:
     for k in range(n):
         kind = "translation" if sliding and k % 3 == 1 else "rotation"
         dof = Dof(f"q{k}", kind, random_axis(rng), gear=Gear(rigid=True))
-        elements.append(Element(f"b{k}", (dof,), random_placement(rng), random_placement(rng), random_body(rng)))
+        elements.append(
+            Element(f"b{k}", (dof,), random_placement(rng), random_placement(rng), random_body(rng))
+        )
         motors.append(Motor(f"m{k}", 1e-3, (f"q{k}",), (1.0,)))
-    return robot(elements, motors, base=random_placement(rng), tool=random_placement(rng), gravity=(1.0, 2.0, -9.0))
+    return robot(
+        elements,
+        motors,
+        base=random_placement(rng),
+        tool=random_placement(rng),
+        gravity=(1.0, 2.0, -9.0),
+    )
 
 
 def robot(elements, motors, **rest) -> RobotModel:
@@ -70,7 +86,14 @@ def robot(elements, motors, **rest) -> RobotModel:
 
 def six_axes() -> RobotModel:
     """An arm with the geometry and the masses of a UR5, whose three middle axes are parallel."""
-    places = ((0, 0, 0.089159), (0, 0.13585, 0), (0, -0.1197, 0.425), (0, 0, 0.39225), (0, 0.093, 0), (0, 0, 0.09465))
+    places = (
+        (0, 0, 0.089159),
+        (0, 0.13585, 0),
+        (0, -0.1197, 0.425),
+        (0, 0, 0.39225),
+        (0, 0.093, 0),
+        (0, 0, 0.09465),
+    )
     axes = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 1, 0))
     turned = matrix(Rotation.from_euler("y", 90, degrees=True).as_matrix())
     masses = (3.7, 8.393, 2.275, 1.219, 1.219, 0.1879)
@@ -88,9 +111,13 @@ def six_axes() -> RobotModel:
         zip(places, axes, masses, coms, inertias, strict=True)
     ):
         inertia = ((across, 0.0, 0.0), (0.0, across, 0.0), (0.0, 0.0, along))
-        origin = Placement(tuple(map(float, place)), turned if k in (1, 3) else Placement().rotation)
+        origin = Placement(
+            tuple(map(float, place)), turned if k in (1, 3) else Placement().rotation
+        )
         dof = Dof(f"q{k}", "rotation", tuple(map(float, axis)), gear=Gear(rigid=True))
-        elements.append(Element(f"b{k}", (dof,), origin, Placement(), Body(mass, (0.0, 0.0, com), inertia)))
+        elements.append(
+            Element(f"b{k}", (dof,), origin, Placement(), Body(mass, (0.0, 0.0, com), inertia))
+        )
         motors.append(Motor(f"m{k}", 1e-4, (f"q{k}",), (100.0,)))
     return robot(elements, motors, tool=Placement((0.0, 0.0823, 0.0)))
 
@@ -118,7 +145,10 @@ def equations_of(name: str) -> Equations:
 
 def values(function: ca.Function, given: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Results of a function for arguments by their names."""
-    return [x.full() for x in function.call([given[function.name_in(i)] for i in range(function.n_in())])]
+    return [
+        x.full()
+        for x in function.call([given[function.name_in(i)] for i in range(function.n_in())])
+    ]
 
 
 def arguments(s: State, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -139,7 +169,12 @@ def largest(*arrays: np.ndarray) -> float:
     return max(float(np.max(np.abs(x), initial=0.0)) for x in arrays)
 
 
-def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: list[np.ndarray] | None = None) -> None:
+def check(
+    equations: Equations,
+    name: str,
+    given: dict[str, np.ndarray],
+    found: list[np.ndarray] | None = None,
+) -> None:
     """AssertionError where a fast function is not the Lagrangian's."""
     expected = values(equations.function(name), given)
     if found is None:
@@ -149,10 +184,16 @@ def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: 
     assert [x.shape for x in found] == [x.shape for x in expected]
     if name in ("arm_forward_dynamics", "forward_dynamics"):
         arm = name == "arm_forward_dynamics"
-        states = {**given, **({} if arm else {"a_a": expected[0].ravel(), "a_m": expected[1].ravel()})}
+        states = {
+            **given,
+            **({} if arm else {"a_a": expected[0].ravel(), "a_m": expected[1].ravel()}),
+        }
         M = values(equations.function("mass_matrix" if arm else "residual_jacobians"), states)[0]
         n_a, i_m = equations.model.n_a, list(equations.model.i_m)
-        a, b = (x[0].ravel() if arm else np.concatenate([x[0].ravel(), x[1].ravel()[i_m]]) for x in (found, expected))
+        a, b = (
+            x[0].ravel() if arm else np.concatenate([x[0].ravel(), x[1].ravel()[i_m]])
+            for x in (found, expected)
+        )
         assert largest(M @ (a - b)) <= EXACT * largest(np.abs(M) @ np.abs(b))
         rigid = [j for j in range(equations.model.n_m) if j not in i_m]
         if not arm and rigid:
@@ -163,7 +204,9 @@ def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: 
     scales = [largest(x) for x in expected]
     if name in ("bias", "gravity", "inverse_dynamics_derivatives"):
         # these may vanish: compared with the torques of the same state, and the mass matrix
-        torque = values(equations.function("inverse_dynamics"), {**given, "v_a": 0 * given["v_a"]})[0]
+        torque = values(equations.function("inverse_dynamics"), {**given, "v_a": 0 * given["v_a"]})[
+            0
+        ]
         inertia = values(equations.function("mass_matrix"), given)[0]
         besides = [torque, inertia, inertia] if len(expected) == 3 else [torque]
         scales = [max(scale, largest(other)) for scale, other in zip(scales, besides, strict=True)]
@@ -171,7 +214,9 @@ def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: 
         scales = [max(1.0, scale) for scale in scales]
     elif name == "residual_jacobians":
         n = equations.model.dof
-        found, expected = [[x[0], x[1][:, :n], x[1][:, n : 2 * n], x[1][:, 2 * n :]] for x in (found, expected)]
+        found, expected = [
+            [x[0], x[1][:, :n], x[1][:, n : 2 * n], x[1][:, 2 * n :]] for x in (found, expected)
+        ]
         scales = [max(largest(x), largest(expected[0])) for x in expected]
     elif name == "arm_residual_jacobians":
         scales[1] = max(scales)
@@ -190,7 +235,9 @@ def tilted_axes(tilt: float, seed: int = 6) -> RobotModel:
         across = np.cross(along, random_axis(rng))
         along = np.cos(tilt) * along + np.sin(tilt) * across / np.linalg.norm(across)
         axis = to_world.T @ along
-        dof = Dof(f"q{k}", kind, tuple((axis / np.linalg.norm(axis)).tolist()), gear=Gear(rigid=True))
+        dof = Dof(
+            f"q{k}", kind, tuple((axis / np.linalg.norm(axis)).tolist()), gear=Gear(rigid=True)
+        )
         elements.append(Element(f"b{k}", (dof,), place, Placement(), random_body(rng)))
         motors.append(Motor(f"m{k}", 1e-3, (f"q{k}",), (1.0,)))
     return robot(elements, motors, tool=random_placement(rng))
@@ -200,5 +247,11 @@ def check_tilted(tilt: float) -> None:
     equations, rng = derive(tilted_axes(tilt)), np.random.default_rng(2)
     for s in some_states(equations.model, 1):
         given = arguments(s, rng)
-        for name in ("inverse_dynamics", "mass_matrix", "arm_forward_dynamics", "forward_kinematics", "jacobian"):
+        for name in (
+            "inverse_dynamics",
+            "mass_matrix",
+            "arm_forward_dynamics",
+            "forward_kinematics",
+            "jacobian",
+        ):
             check(equations, name, given)

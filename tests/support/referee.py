@@ -40,7 +40,8 @@ from flexgen.model.elements import (
 from flexgen.model.reader import model_names, read
 from flexgen.numerics.evaluate import Evaluator
 
-SLICES = 80  # Gauss points along a beam: integrates products of the first ten or so modes to rounding
+# Gauss points along a beam: integrates products of the first ten or so modes to rounding
+SLICES = 80
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -58,7 +59,9 @@ def spring_torque(spring: Spring, d: float) -> float:
             return k * d + k3 * d**3
         case SmoothSpring(low, high, b):
             inside = min(size, b)
-            return sign * (low * inside + (high - low) / (3 * b * b) * inside**3 + high * (size - inside))
+            return sign * (
+                low * inside + (high - low) / (3 * b * b) * inside**3 + high * (size - inside)
+            )
         case PiecewiseSpring(low, high, b):
             inside = min(size, b)
             return sign * (low * inside + high * (size - inside))
@@ -69,7 +72,11 @@ def spring_torque(spring: Spring, d: float) -> float:
 
 def friction_torque(f: Friction, w: float) -> float:
     """The friction torque at speed w, from the formula of the model's docstring."""
-    return f.viscous * w + (f.coulomb + f.stribeck / np.cosh(f.alpha * w)) * np.tanh(f.beta * w) + f.offset
+    return (
+        f.viscous * w
+        + (f.coulomb + f.stribeck / np.cosh(f.alpha * w)) * np.tanh(f.beta * w)
+        + f.offset
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -83,7 +90,9 @@ def clamped_free(k: int, s: np.ndarray) -> tuple[float, np.ndarray, float]:
     Returns the root b of ``cos b cosh b = -1``, the shape at s and its slope at the tip.
     """
     middle = (k - 0.5) * np.pi
-    b = brentq(lambda x: np.cos(x) + 1 / np.cosh(x), middle - 0.5, middle + 0.5, xtol=1e-15, rtol=1e-15)
+    b = brentq(
+        lambda x: np.cos(x) + 1 / np.cosh(x), middle - 0.5, middle + 0.5, xtol=1e-15, rtol=1e-15
+    )
     ratio = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
 
     def shape(x):
@@ -249,17 +258,23 @@ class Referee:
         self.model = model
         self.steps = chain_of(model)
         coordinates = model.coordinates
-        self.elastic_gear = np.array([not coordinates[i].dof.gear.rigid for i in model.i_g], dtype=bool)
+        self.elastic_gear = np.array(
+            [not coordinates[i].dof.gear.rigid for i in model.i_g], dtype=bool
+        )
         self.elastic_motor = np.array([j in model.i_m for j in range(model.n_m)], dtype=bool)
         self.inertia = np.array([motor.inertia for motor in model.motors])
         self.modal: dict[str, list[tuple[float, float]]] = {}
         for element in model.elements:
             if element.beam is not None:
-                modes = [mode for bending in element.beam.bendings for mode in bending_modes(element.beam, bending)]
+                modes = [
+                    mode
+                    for bending in element.beam.bendings
+                    for mode in bending_modes(element.beam, bending)
+                ]
                 names = [c.name for c in coordinates if c.dof is None and c.element == element.name]
                 self.modal.update(zip(names, modes, strict=True))
 
-    def sweep(self, q, v, a, v_m=None, a_m=None, gravity=True, drag=False):
+    def sweep(self, q, v, a, v_m=None, a_m=None, gravity=True, drag=False):  # noqa: C901, PLR0915
         """Out along the chain with accelerations, back with wrenches.
 
         Returns the generalised forces (n_a), the rotors' axial torques ``J (a_m + a.alpha)`` (n_m; without the
@@ -271,7 +286,8 @@ class Referee:
         R, p = np.eye(3), np.zeros(3)
         w, dw, u = np.zeros(3), np.zeros(3), np.zeros(3)
         du = -np.array(self.model.gravity) if gravity else np.zeros(3)
-        wrenches = []  # one for each step: force, moment about the world's origin, direct generalised forces
+        # one for each step: force, moment about the world's origin, direct generalised forces
+        wrenches = []
         frames = []
         before, last, tips = [], -1, {}  # the step before each one; where branches begin
         tau_m = self.inertia * a_m
@@ -299,7 +315,13 @@ class Referee:
                         w = w + e * dx
                     else:
                         r = e * x
-                        du = du + cross(dw, r) + cross(w, cross(w, r)) + 2 * cross(w, e) * dx + e * ddx
+                        du = (
+                            du
+                            + cross(dw, r)
+                            + cross(w, cross(w, r))
+                            + 2 * cross(w, e) * dx
+                            + e * ddx
+                        )
                         u = u + cross(w, r) + e * dx
                         p = p + r
                 case Mass(mass, com, inertia, damping):
@@ -328,7 +350,12 @@ class Referee:
         tau = np.zeros(self.model.n_a)
         behind = np.zeros((len(self.steps) + 1, 2, 3))  # force and moment; the last is of the world
         for k in reversed(range(len(self.steps))):
-            step, (R_k, p_k), (f, n, direct), (force, moment) = self.steps[k], frames[k], wrenches[k], behind[k]
+            step, (R_k, p_k), (f, n, direct), (force, moment) = (
+                self.steps[k],
+                frames[k],
+                wrenches[k],
+                behind[k],
+            )
             if isinstance(step, Joint):
                 e = R_k @ step.axis  # a rotation leaves its own axis where it is
                 load = e @ (moment - cross(p_k, force)) if step.type == "rotation" else e @ force
@@ -367,7 +394,9 @@ class Referee:
     def mass_matrix(self, q):
         """Inertia matrix from unit accelerations."""
         zero = np.zeros(self.model.n_a)
-        return np.array([self.sweep(q, zero, e, gravity=False)[0] for e in np.eye(self.model.n_a)]).T
+        return np.array(
+            [self.sweep(q, zero, e, gravity=False)[0] for e in np.eye(self.model.n_a)]
+        ).T
 
     # the extended flexible joint model -----------------------------------------------------------------------------
 
@@ -389,7 +418,12 @@ class Referee:
             if gear.side == "arm":
                 out[k] = spring_torque(gear.spring, d) + gear.damping * dd
             else:
-                (n,) = (m.ratio[m.drives.index(c)] for m in model.motors for c in m.drives if c == self.name(i))
+                (n,) = (
+                    m.ratio[m.drives.index(c)]
+                    for m in model.motors
+                    for c in m.drives
+                    if c == self.name(i)
+                )
                 out[k] = n * (spring_torque(gear.spring, n * d) + gear.damping * n * dd)
         return out
 
@@ -415,11 +449,14 @@ class Referee:
             applied[i] = -friction_torque(dof.friction, v_a[i])
             if not dof.actuated:
                 applied[i] -= spring_torque(dof.spring, q_a[i]) + dof.damping * v_a[i]
-        friction = np.array([friction_torque(m.friction, w) for m, w in zip(model.motors, v_m, strict=True)])
+        friction = np.array(
+            [friction_torque(m.friction, w) for m, w in zip(model.motors, v_m, strict=True)]
+        )
         drive = tau_m - rotor - friction  # what the motors give to their gears
         gear = self.gear_torque(q_a, v_a, q_m, v_m)
         rigid = ~self.elastic_motor
-        gear_rigid = eta[rigid].T @ drive[rigid]  # zero on the elastic columns: motors coupled are all of a kind
+        # zero on the elastic columns: motors coupled are all of a kind
+        gear_rigid = eta[rigid].T @ drive[rigid]
         applied[i_g] += gear + gear_rigid
         back = np.linalg.solve(eta.T, gear) if model.n_m else np.zeros(0)
         return applied - tau_a, (drive - back)[self.elastic_motor]
@@ -427,7 +464,9 @@ class Referee:
     def forward_dynamics(self, q_a, v_a, q_m, v_m, tau_m):
         """Accelerations (a_a, a_m) of the full model, all of a_m."""
         model = self.model
-        q_a, v_a, q_m, v_m, tau_m = (np.asarray(x, dtype=float).ravel() for x in (q_a, v_a, q_m, v_m, tau_m))
+        q_a, v_a, q_m, v_m, tau_m = (
+            np.asarray(x, dtype=float).ravel() for x in (q_a, v_a, q_m, v_m, tau_m)
+        )
         elastic = list(model.i_m)
 
         def imbalance(a):
@@ -456,7 +495,9 @@ class Referee:
         """A size of the torques that balance each other in the full model, for relative errors."""
         gear = self.gear_torque(q_a, v_a, q_m, v_m)
         bodies = np.abs(self.inverse_dynamics(q_a, v_a, a_a))
-        return max(np.max(np.abs(gear), initial=0.0), bodies.max(), np.max(np.abs(tau_m), initial=0.0))
+        return max(
+            np.max(np.abs(gear), initial=0.0), bodies.max(), np.max(np.abs(tau_m), initial=0.0)
+        )
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -493,7 +534,10 @@ class Answers:
             }.get(name, set())
 
             def answer(*arguments):
-                out = [y.ravel() if k in vector - matrix else y for k, y in enumerate(evaluator(*arguments))]
+                out = [
+                    y.ravel() if k in vector - matrix else y
+                    for k, y in enumerate(evaluator(*arguments))
+                ]
                 if name in ("energy", "power"):
                     out = [float(y[0]) for y in out]
                 return out[0] if len(out) == 1 else tuple(out)
@@ -547,7 +591,10 @@ def random_state(model: RobotModel, rng: np.random.Generator, speed: float = 1.0
     i_g, i_e = list(model.i_g), list(model.i_e)
     q_a, v_a, a_a = np.zeros(model.n_a), speed * draw(model.n_a), 2 * draw(model.n_a)
     q_a[i_g] = np.array(model.home) + 0.7 * draw(model.n_g)
-    q_a[i_e] = [0.02 if model.coordinates[i].dof is None else twist_size(model.coordinates[i].dof.spring) for i in i_e]
+    q_a[i_e] = [
+        0.02 if model.coordinates[i].dof is None else twist_size(model.coordinates[i].dof.spring)
+        for i in i_e
+    ]
     q_a[i_e] *= draw(model.n_e)
     v_a[i_e] *= 0.3
     twist = np.zeros(model.n_g)
@@ -569,7 +616,9 @@ def random_body(rng: np.random.Generator, drag: float = 0.0) -> Body:
     com = masses @ points / masses.sum()
     r = points - com
     inertia = np.einsum(
-        "i,ijk->jk", masses, np.einsum("ij,ij,kl->ikl", r, r, np.eye(3)) - np.einsum("ij,ik->ijk", r, r)
+        "i,ijk->jk",
+        masses,
+        np.einsum("ij,ij,kl->ikl", r, r, np.eye(3)) - np.einsum("ij,ik->ijk", r, r),
     )
     return Body(float(masses.sum()), vector(com), matrix((inertia + inertia.T) / 2), drag)
 
@@ -586,7 +635,9 @@ def matrix(x) -> tuple[tuple[float, ...], ...]:
 
 def random_placement(rng: np.random.Generator) -> Placement:
     """A random pose within 0.4 m."""
-    return Placement(vector(rng.uniform(-0.4, 0.4, 3)), matrix(Rotation.random(rng=rng).as_matrix()))
+    return Placement(
+        vector(rng.uniform(-0.4, 0.4, 3)), matrix(Rotation.random(rng=rng).as_matrix())
+    )
 
 
 def random_axis(rng: np.random.Generator) -> tuple[float, ...]:
@@ -610,7 +661,9 @@ FRICTIONS: tuple[Friction, ...] = (
 )
 
 
-def random_model(seed: int, coupling: str = "simplified", gears: str = "mixed", beam: bool = False) -> RobotModel:
+def random_model(
+    seed: int, coupling: str = "simplified", gears: str = "mixed", beam: bool = False
+) -> RobotModel:
     """A chain of four elements and nine degrees of freedom with everything the model format knows.
 
     Five of the coordinates are actuated: two and two of the motors are coupled by their ratios, the fifth is alone and
@@ -641,10 +694,24 @@ def random_model(seed: int, coupling: str = "simplified", gears: str = "mixed", 
     def spring_dof(type_):
         k = count["e"]
         count["e"] += 1
-        return Dof(f"e{k}", type_, random_axis(rng), spring=spring(k + 1), damping=0.9, friction=friction(k + 2))
+        return Dof(
+            f"e{k}",
+            type_,
+            random_axis(rng),
+            spring=spring(k + 1),
+            damping=0.9,
+            friction=friction(k + 2),
+        )
 
     def element(name, *dofs, body=None, beam=None):
-        return Element(name, dofs, random_placement(rng), random_placement(rng), body or random_body(rng, 0.3), beam)
+        return Element(
+            name,
+            dofs,
+            random_placement(rng),
+            random_placement(rng),
+            body or random_body(rng, 0.3),
+            beam,
+        )
 
     bendings = (Bending("y", 90.0, 2, 0.02), Bending("z", 60.0, 1, 0.01))
     elements = (
@@ -674,7 +741,9 @@ def random_model(seed: int, coupling: str = "simplified", gears: str = "mixed", 
             float(rng.uniform(1e-3, 3e-3)),
             drives,
             vector(sign[j] * np.array(ratio)),
-            friction=Friction(viscous=1e-3, coulomb=0.02, beta=0.5) if j % 2 else Friction(viscous=2e-3, offset=1e-3),
+            friction=Friction(viscous=1e-3, coulomb=0.02, beta=0.5)
+            if j % 2
+            else Friction(viscous=2e-3, offset=1e-3),
             axis=random_axis(rng) if coupling == "complete" else None,
             carrier=carriers[j] if coupling == "complete" else None,
         )

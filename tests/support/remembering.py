@@ -38,7 +38,10 @@ def remembering() -> flexgen.RobotModel:
     """The model elbow with two elements of hysteresis in each gear, bristles and friction of the load in each motor."""
     made: dict[str, object] = {f"{gear}.hysteresis": SLIPPING for gear in GEARS.values()}
     for motor in ("m1", "m2"):
-        made |= {f"motor.{motor}.lugre": NUMBERS, f"motor.{motor}.friction": {"type": "gear", **LOADED}}
+        made |= {
+            f"motor.{motor}.lugre": NUMBERS,
+            f"motor.{motor}.friction": {"type": "gear", **LOADED},
+        }
     return flexgen.read(NAME, overrides=made)
 
 
@@ -46,7 +49,9 @@ def remembering() -> flexgen.RobotModel:
 def start() -> tuple[np.ndarray, np.ndarray]:
     """Output and arm coordinates where the path starts."""
     path = flexgen.plan(remembering())
-    return output_at(flexgen.derive(remembering()), np.asarray(path.q_start)), np.asarray(path.q_start)
+    return output_at(flexgen.derive(remembering()), np.asarray(path.q_start)), np.asarray(
+        path.q_start
+    )
 
 
 @cache
@@ -75,13 +80,18 @@ def solved(hold: Literal["spline", "zoh"]) -> np.ndarray:
 def torque_error(found: np.ndarray, hold: Literal["spline", "zoh"]) -> float:
     """Largest difference of torques (n, n_m) to `solved`, relative to the largest torque of each motor."""
     expected = solved(hold)[: len(found)]
-    return float((np.abs(found[: len(expected)] - expected).max(axis=0) / np.abs(expected).max(axis=0)).max())
+    return float(
+        (np.abs(found[: len(expected)] - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
+    )
 
 
 @cache
 def compiled(forgets: str = "", parts: tuple[str, ...] = ()) -> Path:
     """The object file of the C of an export with these parts, with one of the errors."""
-    library, place = emit(remembering(), parts=parts), folder() / "-".join(("remembering", forgets, *parts))
+    library, place = (
+        emit(remembering(), parts=parts),
+        folder() / "-".join(("remembering", forgets, *parts)),
+    )
     text = library.source
     if forgets:
         _, old, new = FORGETS[forgets]

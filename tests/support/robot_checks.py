@@ -22,7 +22,8 @@ try:
 except ModuleNotFoundError:
     PinocchioReferee = None
 try:
-    from flexgen.recursion.functions import recursive_function as fast_function  # also where it is wrong
+    # also where it is wrong
+    from flexgen.recursion.functions import recursive_function as fast_function
 except ModuleNotFoundError:
     fast_function = None
 
@@ -30,7 +31,8 @@ MASS = 1e-12  # of sqrt(M_ii M_kk): rounding along a chain of some twenty joints
 MOTION = 1e-12  # of one plus the largest entry: poses and Jacobians
 TORQUE = 1e-11  # of the terms of the row: |M| |a|, centripetal and gravity forces
 SLOPE = 1e-11  # of the largest slope of the torques
-ACCELERATION = 1e-9  # of the largest acceleration, and of |M| |a| in each row: condition numbers up to 1e6
+# of the largest acceleration, and of |M| |a| in each row: condition numbers up to 1e6
+ACCELERATION = 1e-9
 
 
 # --- flexgen's results -----------------------------------------------------------------------------------------------
@@ -43,7 +45,12 @@ class Found:
     name, changed by a planted bug.
     """
 
-    def __init__(self, equations: Equations, route: str = "lagrange", planted: dict[str, Callable] | None = None):
+    def __init__(
+        self,
+        equations: Equations,
+        route: str = "lagrange",
+        planted: dict[str, Callable] | None = None,
+    ):
         self.equations, self._route, self._planted = equations, route, planted or {}
         self._functions: dict = {}
 
@@ -52,7 +59,10 @@ class Found:
             function = fast_function(self.equations, name) if self._route == "fast" else None
             self._functions[name] = function or self.equations.function(name)
         function = self._functions[name]
-        results = [np.array(x.full()) for x in function.call([np.asarray(x, dtype=float) for x in arguments])]
+        results = [
+            np.array(x.full())
+            for x in function.call([np.asarray(x, dtype=float) for x in arguments])
+        ]
         if name in self._planted:
             results = self._planted[name](self, results, *arguments)
         return results
@@ -64,7 +74,9 @@ def close(what: str, found: np.ndarray, expected, tolerance: float, scale=None) 
     scale = np.abs(expected).max(initial=0.0) if scale is None else scale
     scale = np.reshape(scale, found.shape) if np.ndim(scale) else scale
     excess = np.abs(found - expected) - tolerance * scale
-    assert np.all(excess <= 0), f"{what}: found\n{found}\nexpected\n{expected}\nallowed {tolerance} of\n{scale}"
+    assert np.all(excess <= 0), (
+        f"{what}: found\n{found}\nexpected\n{expected}\nallowed {tolerance} of\n{scale}"
+    )
 
 
 def rows_of(M: np.ndarray, a: np.ndarray, *forces: np.ndarray) -> np.ndarray:
@@ -79,7 +91,9 @@ def motors_of(model: RobotModel, s: State) -> np.ndarray:
     return np.where(elastic, 1.3 * geared + 1.0, geared)
 
 
-def check_accelerations(found: Found, s: State, M: np.ndarray, a_a: np.ndarray, a_m: np.ndarray) -> None:
+def check_accelerations(
+    found: Found, s: State, M: np.ndarray, a_a: np.ndarray, a_m: np.ndarray
+) -> None:
     """Accelerations of the whole robot against expected ones, M its mass matrix."""
     model = found.equations.model
     y = np.concatenate([a_a, a_m[list(model.i_m)]])
@@ -93,7 +107,9 @@ def check_accelerations(found: Found, s: State, M: np.ndarray, a_a: np.ndarray, 
     close("rate of the state", found("state_rate", x, s.tau_m)[0], rate, ACCELERATION)
 
 
-def check_arm_accelerations(found: Found, s: State, M: np.ndarray, tau_a: np.ndarray, a_a: np.ndarray) -> None:
+def check_arm_accelerations(
+    found: Found, s: State, M: np.ndarray, tau_a: np.ndarray, a_a: np.ndarray
+) -> None:
     """Accelerations of the bodies alone under forces ``tau_a`` against expected ones."""
     got = found("arm_forward_dynamics", s.q_a, s.v_a, tau_a)[0].ravel()
     close("accelerations of the bodies", got, a_a, ACCELERATION)
@@ -114,10 +130,18 @@ def check_mujoco(found: Found, case: Case) -> None:
         gravity, bias = arm.bias(s.q_a, 0 * s.v_a), arm.bias(s.q_a, s.v_a)
         rows = rows_of(M, s.a_a, bias - gravity, gravity)
         torque = arm.inverse_dynamics(s.q_a, s.v_a, s.a_a)
-        close("inverse dynamics", found("inverse_dynamics", s.q_a, s.v_a, s.a_a)[0], torque, TORQUE, rows)
+        close(
+            "inverse dynamics",
+            found("inverse_dynamics", s.q_a, s.v_a, s.a_a)[0],
+            torque,
+            TORQUE,
+            rows,
+        )
         close("bias", found("bias", s.q_a, s.v_a)[0], bias, TORQUE, rows)
         close("gravity", found("gravity", s.q_a)[0], gravity, TORQUE, rows)
-        check_arm_accelerations(found, s, M, torque + gravity, np.linalg.solve(M, torque + gravity - bias))
+        check_arm_accelerations(
+            found, s, M, torque + gravity, np.linalg.solve(M, torque + gravity - bias)
+        )
         if machine is not None:
             a_a, a_m = machine.forward_dynamics(*s.x, s.tau_m)
             check_accelerations(found, s, machine.minimal_mass(s.q_a), a_a, a_m)
@@ -130,22 +154,43 @@ def check_pinocchio(found: Found, case: Case) -> None:
         M = reference.mass_matrix(s.q_a)
         size = np.sqrt(np.diag(M))
         close("mass matrix", found("mass_matrix", s.q_a)[0], M, MASS, np.outer(size, size))
-        for got, pose in zip(found("forward_kinematics", s.q_a), reference.forward_kinematics(s.q_a), strict=True):
+        for got, pose in zip(
+            found("forward_kinematics", s.q_a), reference.forward_kinematics(s.q_a), strict=True
+        ):
             close("tool", got, pose, MOTION, 1 + np.abs(pose).max())
         J, dJ = reference.jacobian(s.q_a), reference.jacobian_dot(s.q_a, s.v_a)
         close("jacobian", found("jacobian", s.q_a)[0], J, MOTION, 1 + np.abs(J).max())
-        close("rate of the jacobian", found("jacobian_dot", s.q_a, s.v_a)[0], dJ, MOTION, 1 + np.abs(dJ).max())
+        close(
+            "rate of the jacobian",
+            found("jacobian_dot", s.q_a, s.v_a)[0],
+            dJ,
+            MOTION,
+            1 + np.abs(dJ).max(),
+        )
         gravity, bias = reference.gravity(s.q_a), reference.bias(s.q_a, s.v_a)
         rows = rows_of(M, s.a_a, bias - gravity, gravity)
         torque = reference.inverse_dynamics(s.q_a, s.v_a, s.a_a)
-        close("inverse dynamics", found("inverse_dynamics", s.q_a, s.v_a, s.a_a)[0], torque, TORQUE, rows)
+        close(
+            "inverse dynamics",
+            found("inverse_dynamics", s.q_a, s.v_a, s.a_a)[0],
+            torque,
+            TORQUE,
+            rows,
+        )
         close("bias", found("bias", s.q_a, s.v_a)[0], bias, TORQUE, rows)
         close("gravity", found("gravity", s.q_a)[0], gravity, TORQUE, rows)
         by_arm = reference.arm.accelerations(s.q_a, s.v_a, torque + gravity)
         check_arm_accelerations(found, s, M, torque + gravity, by_arm)
         turning = reference.rotor_torque(s.q_a, s.v_a, s.a_a, s.v_m, motors_of(model, s))
-        close("rotors", found("rotor_torque", s.q_a, s.v_a, s.a_a, s.v_m, motors_of(model, s))[0], turning, TORQUE)
-        check_accelerations(found, s, reference.machine_mass(s.q_a), *reference.forward_dynamics(*s.x, s.tau_m))
+        close(
+            "rotors",
+            found("rotor_torque", s.q_a, s.v_a, s.a_a, s.v_m, motors_of(model, s))[0],
+            turning,
+            TORQUE,
+        )
+        check_accelerations(
+            found, s, reference.machine_mass(s.q_a), *reference.forward_dynamics(*s.x, s.tau_m)
+        )
         check_arm_slopes(found, reference, s)
         if case.linear:
             check_slopes(found, reference, s)
@@ -161,9 +206,15 @@ def check_arm_slopes(found: Found, reference: PinocchioReferee, s: State) -> Non
     """Derivatives of the bodies' inverse dynamics: no stiff spring hides them."""
     by_q, by_v = reference.inverse_derivatives(s.q_a, s.v_a, s.a_a)
     M, size = reference.mass_matrix(s.q_a), torques(reference, s)
-    for x, y in zip(found("inverse_dynamics_derivatives", s.q_a, s.v_a, s.a_a), (by_q, by_v, M), strict=True):
+    for x, y in zip(
+        found("inverse_dynamics_derivatives", s.q_a, s.v_a, s.a_a), (by_q, by_v, M), strict=True
+    ):
         close("slopes of the bodies", x, y, SLOPE, np.abs(y).max() + size)
-    for x, y in zip(found("arm_residual_jacobians", s.q_a, s.v_a, s.a_a), (M, np.hstack([by_q, by_v])), strict=True):
+    for x, y in zip(
+        found("arm_residual_jacobians", s.q_a, s.v_a, s.a_a),
+        (M, np.hstack([by_q, by_v])),
+        strict=True,
+    ):
         close("slopes of the arm", x, y, SLOPE, np.abs(y).max() + size)
 
 
@@ -173,7 +224,9 @@ def check_slopes(found: Found, reference: PinocchioReferee, s: State) -> None:
     expected = reference.second_order(s.q_a, s.v_a, s.a_a, s.q_m, s.v_m, a_m)
     M, R = found("residual_jacobians", s.q_a, s.v_a, s.a_a, s.q_m, s.v_m, a_m, s.tau_m)
     for name, x, y in zip("MDKB", second_order_matrices(M, R), expected, strict=True):
-        close(f"second order {name}", x, y, SLOPE, np.abs(y).max() + (size if name in "DK" else 0.0))
+        close(
+            f"second order {name}", x, y, SLOPE, np.abs(y).max() + (size if name in "DK" else 0.0)
+        )
     energies = found("energy", *s.x)
     for x, y in zip(energies, reference.energies(*s.x), strict=True):
         close("energies", x, y, TORQUE, sum(np.abs(e).item() for e in energies))
@@ -187,7 +240,8 @@ def check_robot(case: Case) -> None:
     """Check a robot against all reference programs, on every route."""
     equations = derive(case.model)
     routes = ["lagrange"]
-    if fast_function is not None and fast_function(equations, "gravity") is not None:  # the shortest of them
+    # the shortest of them
+    if fast_function is not None and fast_function(equations, "gravity") is not None:
         routes.append("fast")
     for route in routes:
         found = Found(equations, route)

@@ -37,12 +37,19 @@ def reduced(graph: dict[str, set[str]]) -> dict[str, set[str]]:
     def below(room: str) -> set[str]:
         return set().union(*({x} | below(x) for x in graph[room]))
 
-    return {room: {x for x in seen if not any(x in below(y) for y in seen - {x})} for room, seen in graph.items()}
+    return {
+        room: {x for x in seen if not any(x in below(y) for y in seen - {x})}
+        for room, seen in graph.items()
+    }
 
 
 def rows_of(graph: dict[str, set[str]]) -> list[list[str]]:
     """Rooms by rows from the ground up: a room stands above all that it imports; then the wings, then the front."""
-    wings = [room for room in graph if room not in FRONT and not any(room in graph[x] for x in graph if x not in FRONT)]
+    wings = [
+        room
+        for room in graph
+        if room not in FRONT and not any(room in graph[x] for x in graph if x not in FRONT)
+    ]
     rank: dict[str, int] = {}
 
     def place(room: str) -> int:
@@ -54,7 +61,12 @@ def rows_of(graph: dict[str, set[str]]) -> list[list[str]]:
     top = 1 + max(place(room) for room in middle)
     rows = [sorted(room for room in middle if rank[room] == k) for k in range(top)]
     half = (len(wings) + 1) // 2
-    return [*rows, sorted(wings)[:half], sorted(wings)[half:], sorted(room for room in FRONT if room in graph)]
+    return [
+        *rows,
+        sorted(wings)[:half],
+        sorted(wings)[half:],
+        sorted(room for room in FRONT if room in graph),
+    ]
 
 
 def svg(graph: dict[str, set[str]]) -> str:
@@ -90,7 +102,9 @@ def svg(graph: dict[str, set[str]]) -> str:
             f'<rect x="{x:.0f}" y="{y:.0f}" width="{size:.0f}" height="{HEIGHT}" rx="5" fill="{COLORS[kinds[room]]}" '
             'stroke="#555"/>'
         )
-        lines.append(f'<text x="{x + size / 2:.0f}" y="{y + 20:.0f}" text-anchor="middle">{room}</text>')
+        lines.append(
+            f'<text x="{x + size / 2:.0f}" y="{y + 20:.0f}" text-anchor="middle">{room}</text>'
+        )
     for k, label in ((len(rows) - 1, "front"), (len(rows) - 2, "wings"), (len(rows) - 4, "middle")):
         lines.append(f'<text x="8" y="{height - ROW * (k + 1) + 30}" fill="#777">{label}</text>')
     return "\n".join([*lines, "</svg>", ""])
@@ -101,8 +115,15 @@ def graph() -> dict[str, set[str]]:
     import test_architecture as rules
 
     texts = rules.sources()
-    single = {rules.room(name) for name in texts if (ROOT / "flexgen" / f"{rules.room(name)}.py").is_file()} | {""}
-    arrows = [(rules.room(found.module), rules.room(found.target)) for found in rules.inner(rules.all_imports(texts))]
+    single = {
+        rules.room(name)
+        for name in texts
+        if (ROOT / "flexgen" / f"{rules.room(name)}.py").is_file()
+    } | {""}
+    arrows = [
+        (rules.room(found.module), rules.room(found.target))
+        for found in rules.inner(rules.all_imports(texts))
+    ]
     return graph_of([x for x in arrows if x[0] not in ("", "__main__")], single)
 
 

@@ -28,7 +28,9 @@ low_pass = [{ frequency_hz = 400.0, damping = 0.9 }]
 """
 
 
-PLAIN = "\n".join(line for line in TABLE.splitlines() if line.split(" ")[0] not in ("delay", "notch", "low_pass"))
+PLAIN = "\n".join(
+    line for line in TABLE.splitlines() if line.split(" ")[0] not in ("delay", "notch", "low_pass")
+)
 GAINS = [np.array([30.0, 25.0]), np.array([1.5, 0.4]), np.array([6.0, 6.0])]
 
 
@@ -64,13 +66,19 @@ class OwnServo:
 
     def __post_init__(self) -> None:
         self.memories = [np.zeros((2, len(self.start))) for _ in self.filters]
-        self.reference, self.before, self.angle = self.start.copy(), self.start.copy(), self.start.copy()
+        self.reference, self.before, self.angle = (
+            self.start.copy(),
+            self.start.copy(),
+            self.start.copy(),
+        )
         self.integral = np.zeros_like(self.start)
 
     def torque(self, command: np.ndarray, angle: np.ndarray) -> np.ndarray:
         share = 1.0 if self.filter_s == 0.0 else 1.0 - np.exp(-self.h / self.filter_s)
         self.reference = self.reference + share * (command - self.reference)
-        wanted = self.feedforward * (self.reference - self.before) / self.h + self.k_p * (self.reference - angle)
+        wanted = self.feedforward * (self.reference - self.before) / self.h + self.k_p * (
+            self.reference - angle
+        )
         error = wanted - (angle - self.angle) / self.h
         self.integral = self.integral + self.h * error
         self.before, self.angle = self.reference, angle
@@ -88,7 +96,9 @@ class InMujoco:
         self.model, self.i_m = model, list(model.i_m)
         self.m = mujoco.MjModel.from_xml_string(mjcf(model))
         self.d = mujoco.MjData(self.m)
-        names = [c.name for c in model.coordinates] + [f"rotor.{model.motors[j].name}" for j in self.i_m]
+        names = [c.name for c in model.coordinates] + [
+            f"rotor.{model.motors[j].name}" for j in self.i_m
+        ]
         self.at = self.m.jnt_dofadr[[self.m.joint(name).id for name in names]]
         self.motors = [self.m.actuator(motor.name).id for motor in model.motors]
         self.m.opt.timestep = STEP
@@ -101,7 +111,9 @@ class InMujoco:
         out[self.i_m] = self.d.qpos[self.at[self.model.n_a :]]
         return out
 
-    def follow(self, servo: OwnServo, command, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def follow(
+        self, servo: OwnServo, command, first: float, last: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Instants, arm angles and motor angles at the samples of the servo."""
         steps, times, arm, motors = round(servo.h / STEP), [], [], []
         for k in range(round((last - first) / servo.h)):

@@ -25,10 +25,16 @@ def library_of(model: flexgen.RobotModel) -> Library:
     return library_with(model, functions_of(model), ("invert", "stream"))
 
 
-def path_of(model: flexgen.RobotModel, period: float, still: int = 0) -> tuple[Any, list[np.ndarray]]:
+def path_of(
+    model: flexgen.RobotModel, period: float, still: int = 0
+) -> tuple[Any, list[np.ndarray]]:
     """A move and samples of its output with two derivatives, between ``still`` ones at rest."""
     move = flexgen.plan(model)
-    t = np.clip((np.arange(round(move.duration / period) + 1 + 2 * still) - still) * period, 0.0, move.duration)
+    t = np.clip(
+        (np.arange(round(move.duration / period) + 1 + 2 * still) - still) * period,
+        0.0,
+        move.duration,
+    )
     y, dy, ddy = (np.ascontiguousarray(x) for x in move.sample(t).y.transpose(2, 0, 1)[:3])
     inside = ((t > 0.0) & (t < move.duration))[:, None]
     return move, [y, dy * inside, ddy * inside]
@@ -40,12 +46,16 @@ def difference(one: Any, other: Any, leave: int = 8) -> float:
     return max(float(np.abs(a - b)[:-leave].max() / np.abs(b).max()) for a, b in pairs)
 
 
-def inverted(model: flexgen.RobotModel, monkeypatch: pytest.MonkeyPatch) -> tuple[flexgen.Solution, Any, dict]:
+def inverted(
+    model: flexgen.RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> tuple[flexgen.Solution, Any, dict]:
     """The solution with the motors in Python, and how `solve` calls the C for the arm."""
     calls, own = [], Inverter.__call__
     with monkeypatch.context() as patch:
         patch.setattr(
-            Inverter, "__call__", lambda self, *x, **named: (calls.append((x, named)), own(self, *x, **named))[1]
+            Inverter,
+            "__call__",
+            lambda self, *x, **named: (calls.append((x, named)), own(self, *x, **named))[1],
         )
         solution = flexgen.solve(model, verify=False, progress=False)
     return solution, *calls[-1]

@@ -28,7 +28,9 @@ DIFFERENCES = 6  # samples beyond an interval that derivatives need
 class Machine:
     """A model, its library, a path, and what they make of each other."""
 
-    def __init__(self, name: str | RobotModel, move: str | None, library: Library | None = None) -> None:
+    def __init__(
+        self, name: str | RobotModel, move: str | None, library: Library | None = None
+    ) -> None:
         self.equations: Equations = derive(name)
         self.path = Path(self.equations, self.equations.model.move(move))
         self.library: Library = library or paths_library(self.equations, "invert", "stream")
@@ -42,7 +44,12 @@ class Machine:
     def begun(self, ahead: int = AHEAD, samples_per_interval: int = PARTS, **hold: Any) -> Stream:
         y = self.samples(np.zeros(1))[0][0]
         return self.library.stream(
-            y, self.path.q_start, period=UPDATE, intervals=ahead, samples_per_interval=samples_per_interval, **hold
+            y,
+            self.path.q_start,
+            period=UPDATE,
+            intervals=ahead,
+            samples_per_interval=samples_per_interval,
+            **hold,
         )
 
     def simulation(
@@ -52,7 +59,9 @@ class Machine:
         model, sample = self.equations.model, self.path.sample(t)
         arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
         labels = {"tau_m": motors, "q_a": arm, "q_m": motors, **output_labels(model)}
-        channels = {name: results[name] for name in ("tau_m", "q_a", "q_m")} | {"y_ref": sample.y[:, :, 0]}
+        channels = {name: results[name] for name in ("tau_m", "q_a", "q_m")} | {
+            "y_ref": sample.y[:, :, 0]
+        }
         if sample.R is not None:
             channels["R_ref"] = sample.R.reshape(len(t), 9)
         units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m", "R_ref": "-"}
@@ -61,17 +70,28 @@ class Machine:
         if not hold:
             return simulate(self.equations, trajectory)
         sample_time = (t[-1] - t[0]) / (len(t) - 1)
-        command = TorqueCommand(t, results["tau_m"], motors, hold, sample_time, delay * sample_time, {})
+        command = TorqueCommand(
+            t, results["tau_m"], motors, hold, sample_time, delay * sample_time, {}
+        )
         return simulate(self.equations, trajectory, command=command)
 
-    def updates(self, ahead: int = AHEAD, samples_per_interval: int = PARTS, **hold: Any) -> list[Interval]:
+    def updates(
+        self, ahead: int = AHEAD, samples_per_interval: int = PARTS, **hold: Any
+    ) -> list[Interval]:
         """The intervals of a stream along the path, and some time behind it."""
         stream = self.begun(ahead, samples_per_interval, **hold)
         n = int(np.ceil((self.path.duration + AFTER) / UPDATE)) + ahead
-        return [stream.update(*sample) for sample in zip(*self.samples(UPDATE * np.arange(1, n + 1)), strict=True)]
+        return [
+            stream.update(*sample)
+            for sample in zip(*self.samples(UPDATE * np.arange(1, n + 1)), strict=True)
+        ]
 
     def followed(
-        self, ahead: int = AHEAD, samples_per_interval: int = PARTS, checked: bool = True, **hold: Any
+        self,
+        ahead: int = AHEAD,
+        samples_per_interval: int = PARTS,
+        checked: bool = True,
+        **hold: Any,
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Instants and results of a stream along the path, and some time behind it."""
         intervals = self.updates(ahead, samples_per_interval, **hold)
@@ -79,7 +99,10 @@ class Machine:
         few = (ahead - 1) * samples_per_interval < DIFFERENCES
         assert not checked or few or all(interval.converged for interval in intervals)
         names = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
-        t = np.arange(n * samples_per_interval) * UPDATE / samples_per_interval - (ahead - 1) * UPDATE
+        t = (
+            np.arange(n * samples_per_interval) * UPDATE / samples_per_interval
+            - (ahead - 1) * UPDATE
+        )
         return t, {name: np.vstack([getattr(x, name) for x in intervals]) for name in names}
 
 

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-STRICT = (
-    "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror".split()
-)
+STRICT = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror".split()
 STRICT += ["-Wdouble-promotion", "-Wundef"]
 STRICT_CPP = "-x c++ -std=c++17 -pedantic -Wall -Wextra -Werror".split()
 
@@ -37,7 +35,9 @@ PACKAGES = {
 }
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler; install the Debian package gcc")
+needs_compiler = pytest.mark.skipif(
+    CC is None, reason="no C compiler; install the Debian package gcc"
+)
 
 
 def tool(name: str) -> str:
@@ -58,10 +58,21 @@ def tools(*names: str) -> None:
 
 def wine(folder: Path) -> tuple[str, dict[str, str]]:
     """The loader of Wine and its environment, with a prefix of its own in a folder; skips the test without Wine."""
-    places = ("/usr/lib/wine", "/usr/lib/x86_64-linux-gnu/wine")  # of Debian's wine64, which is not on the PATH
-    found = shutil.which("wine64") or shutil.which("wine") or shutil.which("wine64", path=os.pathsep.join(places))
+    # of Debian's wine64, which is not on the PATH
+    places = ("/usr/lib/wine", "/usr/lib/x86_64-linux-gnu/wine")
+    found = (
+        shutil.which("wine64")
+        or shutil.which("wine")
+        or shutil.which("wine64", path=os.pathsep.join(places))
+    )
     if found is None:
         pytest.skip(f"no wine; install the Debian package {PACKAGES['wine']}")
-    environment = os.environ | {"WINEPREFIX": str(folder / "wine"), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree="}
-    subprocess.run([found, "cmd", "/c", "exit"], env=environment, capture_output=True, check=False, timeout=120)
+    environment = os.environ | {
+        "WINEPREFIX": str(folder / "wine"),
+        "WINEDEBUG": "-all",
+        "WINEDLLOVERRIDES": "mscoree=",
+    }
+    subprocess.run(
+        [found, "cmd", "/c", "exit"], env=environment, capture_output=True, check=False, timeout=120
+    )
     return found, environment

@@ -21,7 +21,10 @@ def draw_nothing(replace: Callable[[Any, str, Any], None] = setattr) -> None:
     def picture(canvas: Any, stream: BinaryIO, **options: Any) -> None:
         if "metadata" not in options:  # of the caller, not of flexgen
             return real(canvas, stream, **options)
-        stream.write(b"\x89PNG" + b"".join(f"{key}\0{text}".encode() for key, text in options["metadata"].items()))
+        stream.write(
+            b"\x89PNG"
+            + b"".join(f"{key}\0{text}".encode() for key, text in options["metadata"].items())
+        )
 
     replace(canvas.FigureCanvasSVG, "print_svg", frame)
     replace(canvas.FigureCanvasAgg, "print_png", picture)

@@ -9,6 +9,13 @@ from typing import Any
 
 def arguments(function: str, **given: Any) -> Namespace:
     """Arguments of the command line, of which only ``given`` are set."""
-    names = {"set": None, "out": None, "prior": None, "add_poses": None, "report": None, "world": None}
+    names = {
+        "set": None,
+        "out": None,
+        "prior": None,
+        "add_poses": None,
+        "report": None,
+        "world": None,
+    }
     row = SimpleNamespace(function=function, sections={})
     return Namespace(row=row, given=list(given), **(names | given))

@@ -41,15 +41,20 @@ EVALUATIONS = 1.5e7  # more are stiff
 STEP = 2e-3  # s: after the end of the trajectory
 POWERS, ROW = 6, 16
 SPRINGS = (LinearSpring, CubicSpring, SmoothSpring, PiecewiseSpring, BacklashSpring)
-Gains = tuple[np.ndarray, np.ndarray, np.ndarray]  # position [1/s], speed [N m s/rad], integral [1/s], (n_m,)
+# position [1/s], speed [N m s/rad], integral [1/s], (n_m,)
+Gains = tuple[np.ndarray, np.ndarray, np.ndarray]
 Pair = tuple[float | None, float | None]
 
 
 class _Robot(ctypes.Structure):
     """`robot` of whole_move.c."""
 
-    _fields_ = [(name, ctypes.c_int) for name in ("n_steps", "n_a", "n_m", "dof", "n_laws", "feedback", "free")] + [
-        (name, ctypes.c_void_p) for name in ("steps", "laws", "spread", "rotors", "gravity", "gains")
+    _fields_ = [
+        (name, ctypes.c_int)
+        for name in ("n_steps", "n_a", "n_m", "dof", "n_laws", "feedback", "free")
+    ] + [
+        (name, ctypes.c_void_p)
+        for name in ("steps", "laws", "spread", "rotors", "gravity", "gains")
     ]
 
 
@@ -57,7 +62,10 @@ class _Robot(ctypes.Structure):
 def _library() -> ctypes.CDLL:
     source = Path(__file__).with_suffix(".c")
     out = Path(tempfile.mkdtemp()) / "whole_move.so"
-    subprocess.run(["cc", "-O3", "-march=native", "-fPIC", "-shared", "-o", str(out), str(source), "-lm"], check=True)
+    subprocess.run(
+        ["cc", "-O3", "-march=native", "-fPIC", "-shared", "-o", str(out), str(source), "-lm"],
+        check=True,
+    )
     return ctypes.CDLL(str(out))
 
 
@@ -101,7 +109,10 @@ def _laws(model: RobotModel) -> list[list[float]]:
             if dof.gear.side == "motor":
                 twist *= next(m.ratio[0] for m in model.motors if m.drives == (dof.name,))
             out.append([*twist, *_spring(dof.gear.spring, dof.gear.damping), *6 * [0.0]])
-    out += [[*rows[n_a + j], *_spring(None, 0.0), *_friction(m.friction)] for j, m in enumerate(model.motors)]
+    out += [
+        [*rows[n_a + j], *_spring(None, 0.0), *_friction(m.friction)]
+        for j, m in enumerate(model.motors)
+    ]
     return out
 
 
@@ -123,7 +134,14 @@ class WholeMove:
             if j in model.i_m:
                 spread[n_a + j] = np.eye(model.dof)[n_a + model.i_m.index(j)]
         alone = model.motor_coupling != "complete"
-        arrays = [steps, laws, spread, [m.inertia * alone for m in model.motors], model.gravity, gains or [0.0]]
+        arrays = [
+            steps,
+            laws,
+            spread,
+            [m.inertia * alone for m in model.motors],
+            model.gravity,
+            gains or [0.0],
+        ]
         self._kept = [np.ascontiguousarray(x, float) for x in arrays]
         sizes = (
             len(steps),
@@ -141,7 +159,10 @@ class WholeMove:
         """Rates of the state; ``u``: torques, with feedback also reference angles and speeds."""
         out, tool = np.empty(self.n_x), np.empty(12)
         given = [np.ascontiguousarray(a, float) for a in (x, u)]
-        _library().rate(ctypes.byref(self._robot), *(ctypes.c_void_p(a.ctypes.data) for a in (*given, out, tool)))
+        _library().rate(
+            ctypes.byref(self._robot),
+            *(ctypes.c_void_p(a.ctypes.data) for a in (*given, out, tool)),
+        )
         return out
 
     def states(self, t: Trajectory, after: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -159,10 +180,14 @@ class WholeMove:
         for piece, value in zip(after_end, held, strict=True):
             piece[:, 0] = value
         inputs = np.concatenate([np.concatenate(pieces, axis=2), np.concatenate(after_end, axis=2)])
-        start = np.concatenate([t["q_a"][0], t["q_m"][0][list(model.i_m)], np.zeros(self.n_x - model.dof)])
+        start = np.concatenate(
+            [t["q_a"][0], t["q_m"][0][list(model.i_m)], np.zeros(self.n_x - model.dof)]
+        )
         return times, *self._integrate(times, inputs, start)
 
-    def _integrate(self, t: np.ndarray, inputs: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _integrate(
+        self, t: np.ndarray, inputs: np.ndarray, start: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         states, tools = np.zeros((len(t), self.n_x)), np.zeros((len(t), 12))
         states[0] = start
         n = dop853.N_STAGES
@@ -195,7 +220,9 @@ class WholeMove:
         addresses = [ctypes.c_void_p(a.ctypes.data) for a in (*given, np.empty(self.n_x), out)]
         _library().rate(ctypes.byref(self._robot), *addresses)
 
-    def _integrate_stiff(self, t: np.ndarray, inputs: np.ndarray, states: np.ndarray, first: int) -> None:
+    def _integrate_stiff(
+        self, t: np.ndarray, inputs: np.ndarray, states: np.ndarray, first: int
+    ) -> None:
         powers = np.arange(POWERS)[:, None]
 
         def rate(instant: float, x: np.ndarray) -> np.ndarray:
@@ -236,7 +263,11 @@ def _pieces(curve: Callable[..., np.ndarray], t: np.ndarray) -> np.ndarray:
     half = (t[1:] - t[:-1])[:, None] / 2
     taylor = [curve(middle, k) / factorial(k) for k in range(POWERS)]
     return np.stack(
-        [sum(_choose(k, j) * taylor[k] * (-half) ** (k - j) for k in range(j, POWERS)) for j in range(POWERS)], 1
+        [
+            sum(_choose(k, j) * taylor[k] * (-half) ** (k - j) for k in range(j, POWERS))
+            for j in range(POWERS)
+        ],
+        1,
     )
 
 
@@ -252,9 +283,14 @@ def _output_errors(
     y_ref, output = t["y_ref"][last], model.output
     if output.type == "combination":
         error, units = q_a @ np.array(output.weights).T - y_ref, np.array(output_units(model))
-        found = [np.linalg.norm(error[:, units == u], axis=1) if (units == u).any() else None for u in ("m", "rad")]
+        found = [
+            np.linalg.norm(error[:, units == u], axis=1) if (units == u).any() else None
+            for u in ("m", "rad")
+        ]
         return found[0], found[1]
-    axes = ["xyz".index(axis) for axis in (output.axes if output.type == "tool_position" else "xyz")]
+    axes = [
+        "xyz".index(axis) for axis in (output.axes if output.type == "tool_position" else "xyz")
+    ]
     distance = np.linalg.norm(tools[:, axes] - y_ref, axis=1)
     if "R_ref" not in t.channels:
         return distance, None

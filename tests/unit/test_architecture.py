@@ -106,7 +106,15 @@ FLOORS = {
 WITHOUT_CASADI = ["errors", "spec", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
-RUNTIME_NEEDS = {"runtime", "counts", "errors", "progress", "spec", "type_checks", "types_of_values"}
+RUNTIME_NEEDS = {
+    "runtime",
+    "counts",
+    "errors",
+    "progress",
+    "spec",
+    "type_checks",
+    "types_of_values",
+}
 RUNTIME_NEEDS |= {
     "",
     "blas_threads",
@@ -118,11 +126,6 @@ RUNTIME_NEEDS |= {
 # Modules that import what a variable names: a name from a table that another module has handed down, or a user's file.
 IMPORT_BY_NAME = {"flexgen", "flexgen.registry"}
 
-# Most lines of a function, docstring included, but without its examples, which are documentation
-# that runs as a test (see test_docstring_examples.py). Files and rooms have no such limit: a limit
-# of lines moved code to where lines were left instead of where a reader looks for it.
-FUNCTION = 80
-EXAMPLES = re.compile(r'^\n( *)Examples\n\1--------\n(?:\1[^\s"].*\n)+', re.MULTILINE)
 MEASURED = ["flexgen", "benchmarks", "examples"]
 
 MOST = 8
@@ -132,30 +135,38 @@ PARAMETERS = {
     "benchmarks/tune.py tune": 9,  # a verb
     "exports/fmu/export.py export_fmu": 12,  # a verb
     "exports/ros2/export.py export_ros2": 10,  # a verb
-    "gears/identify.py identify_gears": 11,  # a verb; numbers and exponents of elements are what gears differ in
+    # a verb; numbers and exponents of elements are what gears differ in
+    "gears/identify.py identify_gears": 11,
     "identification/experiments/plan.py excite": 17,  # a verb
     "identification/graybox.py identify": 17,  # a verb
     "identification/motion_fit.py fit_motion": 10,  # a verb
-    "inversion/solve.py solve": 19,  # a verb; the force of a process is data of the problem, as the move is
+    # a verb; the force of a process is data of the problem, as the move is
+    "inversion/solve.py solve": 19,
     "library/generate.py generate": 15,  # a verb
-    "loop/closed_loop.py __init__": 15,  # robots, drives and noise are given apart by five callers with other choices
-    "loop/control.py control": 17,  # a verb; two for the force that acts and the one that the feedforward assumes
+    # robots, drives and noise are given apart by five callers with other choices
+    "loop/closed_loop.py __init__": 15,
+    # a verb; two for the force that acts and the one that the feedforward assumes
+    "loop/control.py control": 17,
     "loop/case.py control_case": 14,  # the options of the verb control but the controller
     "observers/constant_gain.py __init__": 9,  # a public class with keywords
     "observers/extended_kalman.py __init__": 9,  # a public class with keywords
     "performance/learn.py learn": 14,  # a verb
-    "performance/minimum_time.py fastest": 10,  # a verb; the force is data of the problem, as the move is
+    # a verb; the force is data of the problem, as the move is
+    "performance/minimum_time.py fastest": 10,
     "planning/problem.py solve": 9,  # a method of a public class
-    "runtime/calls.py __init__": 11,  # a public class; the arguments are the entries of the manifest
+    # a public class; the arguments are the entries of the manifest
+    "runtime/calls.py __init__": 11,
     "runtime/library.py stream": 13,  # a method of a public class
-    "runtime/limited_inversion.py __call__": 27,  # the members of the samples and of the options in C
+    # the members of the samples and of the options in C
+    "runtime/limited_inversion.py __call__": 27,
     "runtime/path_inversion.py __call__": 16,  # the members of the samples and of the options in C
     "runtime/stream.py __init__": 15,  # the options of `Library.stream`
     "servo/command.py command_positions": 10,  # a verb
     "simulation/simulate.py simulate": 10,  # a verb
 }
 
-MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8  # loaded by `flexgen.solve`, before a call, and by `flexgen --version`
+# loaded by `flexgen.solve`, before a call, and by `flexgen --version`
+MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8
 
 # Functions named by a participle, such as `turned`: public methods, decorators and changed copies; may only shrink.
 PARTICIPLES = 25
@@ -215,17 +226,29 @@ def source(text: str) -> Source:
     def walk(node: ast.AST, late: bool) -> None:
         if isinstance(node, ast.expr):  # there is no statement in it
             for part in ast.walk(node):
-                if isinstance(part, ast.Constant) and isinstance(part.value, str) and NAMED.match(part.value):
+                if (
+                    isinstance(part, ast.Constant)
+                    and isinstance(part.value, str)
+                    and NAMED.match(part.value)
+                ):
                     texts.append((part.value, part.lineno))
-                elif isinstance(part, ast.Call) and part.args and ast.unparse(part.func).endswith(IMPORTERS):
+                elif (
+                    isinstance(part, ast.Call)
+                    and part.args
+                    and ast.unparse(part.func).endswith(IMPORTERS)
+                ):
                     first = part.args[0]
                     first = first.values[0] if isinstance(first, ast.JoinedStr) else first
                     unnamed.extend([] if isinstance(first, ast.Constant) else [part.lineno])
             return
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+            names = [
+                a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+            ]
             count = len(names) - (names[:1] in (["self"], ["cls"]))
-            functions.append((node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1, count))
+            functions.append(
+                (node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1, count)
+            )
         if isinstance(node, ast.Import):
             out.extend((alias.name, "", node.lineno, late) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -250,7 +273,8 @@ def imports_of(module: str, text: str, known: Collection[str]) -> list[Import]:
     ]
     for name, line in source(text).texts:
         head = name.partition(":")[0]  # of "module:function"
-        if head.endswith("."):  # the beginning of an f-string: each module of that package may be meant
+        # the beginning of an f-string: each module of that package may be meant
+        if head.endswith("."):
             targets = [other for other in known if other.startswith(head)]
         else:
             parts = head.split(".")
@@ -263,7 +287,10 @@ def imports_of(module: str, text: str, known: Collection[str]) -> list[Import]:
 @cache
 def _read_sources() -> dict[str, str]:
     paths = sorted((ROOT / "flexgen").rglob("*.py"))
-    return {module_name(path.relative_to(ROOT).as_posix()): path.read_text(encoding="utf-8") for path in paths}
+    return {
+        module_name(path.relative_to(ROOT).as_posix()): path.read_text(encoding="utf-8")
+        for path in paths
+    }
 
 
 def sources() -> dict[str, str]:
@@ -371,23 +398,6 @@ def files(root: Path = ROOT) -> dict[str, str]:
     return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in found}
 
 
-def size(text: str) -> int:
-    """Number of lines without the examples of docstrings."""
-    return len((EXAMPLES.sub("", text) if "Examples\n" in text else text).splitlines())
-
-
-def size_violations(texts: dict[str, str]) -> list[str]:
-    """Functions with more lines than `FUNCTION`."""
-    out: list[str] = []
-    for path, text in texts.items():
-        rows = text.splitlines(keepends=True)
-        for name, line, all_lines, _ in source(text).functions:
-            length = size("".join(rows[line - 1 : line - 1 + all_lines]))
-            if length > FUNCTION:
-                out.append(f"{path}:{line}: {name} has {length} lines, at most {FUNCTION}")
-    return out
-
-
 def long_signatures(texts: dict[str, str]) -> dict[str, int]:
     """Functions of flexgen with more than `MOST` parameters, by file and name."""
     found = {
@@ -405,7 +415,8 @@ def computing(imports: Iterable[Import]) -> list[str]:
     return [
         f"{found.module}:{found.line} imports {found.target}"
         for found in imports
-        if room(found.module) == "cli" and any(f"{found.target}.".startswith(f"{name}.") for name in heavy)
+        if room(found.module) == "cli"
+        and any(f"{found.target}.".startswith(f"{name}.") for name in heavy)
     ]
 
 
@@ -431,17 +442,17 @@ def test_applications_do_not_import_one_another():
     assert sibling_violations(all_imports(sources())) == []
 
 
-def test_sizes():
-    assert size_violations(files()) == []
-
-
 def test_no_further_function_has_more_than_eight_parameters():
     found = long_signatures(files())
-    assert found.keys() == PARAMETERS.keys() and all(found[name] <= PARAMETERS[name] for name in found)
+    assert found.keys() == PARAMETERS.keys() and all(
+        found[name] <= PARAMETERS[name] for name in found
+    )
 
 
 def test_a_planted_method_with_nine_parameters_is_seen():
-    planted = {"flexgen/x.py": "class A:\n    def f(self, a, b, c, d, e, *, f, g, h, i): ...\n    def g(self): ...\n"}
+    planted = {
+        "flexgen/x.py": "class A:\n    def f(self, a, b, c, d, e, *, f, g, h, i): ...\n    def g(self): ...\n"
+    }
     assert long_signatures(planted) == {"x.py f": 9}
 
 
@@ -456,8 +467,15 @@ def test_functions_are_verbs():
 
 def test_planted_participle_is_seen():
     method = "class A:\n    def _turned(self, x: tuple[()]) -> float: ...\n"
-    assert participles(method) == 1 and participles(method.replace("    def", "    @property\n    def")) == 0
-    assert participles(method.replace("float", "bool")) == participles(method.replace("turned", "turn")) == 0
+    assert (
+        participles(method) == 1
+        and participles(method.replace("    def", "    @property\n    def")) == 0
+    )
+    assert (
+        participles(method.replace("float", "bool"))
+        == participles(method.replace("turned", "turn"))
+        == 0
+    )
 
 
 def test_rooms_without_casadi():
@@ -469,9 +487,9 @@ def test_rooms_without_casadi():
 def test_nothing_heavy_behind_help():
     texts = sources()
     imports = all_imports(texts)
-    assert {m: sorted(HEAVY & reached(m, imports)) for m in ["flexgen", *modules_of(INSTANT, texts)]} == {
-        m: [] for m in ["flexgen", *modules_of(INSTANT, texts)]
-    }
+    assert {
+        m: sorted(HEAVY & reached(m, imports)) for m in ["flexgen", *modules_of(INSTANT, texts)]
+    } == {m: [] for m in ["flexgen", *modules_of(INSTANT, texts)]}
 
 
 def test_the_command_line_computes_nothing():
@@ -487,14 +505,17 @@ def test_planted_arrays_in_the_command_line_are_seen():
 
 def test_runtime_needs_numpy_and_the_ground_floor_only():
     texts = sources()
-    imports = [Import(i.module, i.target, i.line, False) for i in all_imports(texts) if not i.text]  # late ones too
+    # late ones too
+    imports = [Import(i.module, i.target, i.line, False) for i in all_imports(texts) if not i.text]
     needs = reached("flexgen.runtime", imports)
     assert {room(m) for m in needs if m.startswith("flexgen")} <= RUNTIME_NEEDS
     assert needs & HEAVY == {"numpy"}
 
 
 def test_packages_of_the_wheel_are_those_of_the_tree():
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
+        "setuptools"
+    ]
     folders = [path.parent for path in (ROOT / "flexgen").rglob("__init__.py")]
     expected = {".".join(folder.relative_to(ROOT).parts) for folder in folders} | {"flexgen.models"}
     assert set(settings["packages"]) == expected
@@ -513,7 +534,9 @@ def test_the_picture_of_the_rooms_is_that_of_the_imports():
 def test_all_rooms_lie_within_the_picture():
     width = float(re.findall(r'viewBox="0 0 (\d+)', picture())[0])
     boxes = re.findall(r'<rect x="(-?\d+)" y="\d+" width="(\d+)"', picture())
-    assert len(boxes) > len(WINGS) and all(float(x) > 0.0 and float(x) + float(size) < width for x, size in boxes)
+    assert len(boxes) > len(WINGS) and all(
+        float(x) > 0.0 and float(x) + float(size) < width for x, size in boxes
+    )
 
 
 def test_wings_in_the_picture_are_those_of_the_rules():
@@ -528,7 +551,9 @@ def test_planted_arrow_changes_the_picture():
 
 def test_import_of_the_command_line_loads_nothing_heavy():
     code = "import sys, flexgen.cli.main; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
-    out = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     assert not HEAVY & set(out.split())
     assert "argparse" in out.split()
 
@@ -536,15 +561,22 @@ def test_import_of_the_command_line_loads_nothing_heavy():
 def modules_loaded(code: str) -> set[str]:
     """The modules of flexgen that a new interpreter has loaded after these lines."""
     lines = f"import sys\n{code}\nprint('\\n' + ' '.join(name for name in sys.modules))"
-    out = subprocess.run([sys.executable, "-c", lines], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", lines], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     return {name for name in out.splitlines()[-1].split() if name.partition(".")[0] == "flexgen"}
 
 
 def test_solve_loads_at_most_90_modules_and_the_count_from_the_source_is_that_of_the_interpreter():
-    found = modules_loaded("import flexgen; flexgen.solve; assert 'scipy.signal' not in sys.modules")  # takes long
+    # takes long
+    found = modules_loaded(
+        "import flexgen; flexgen.solve; assert 'scipy.signal' not in sys.modules"
+    )
     reached_here = reached("flexgen.inversion.solve", all_imports(sources()))
     assert found == {name for name in reached_here if name.partition(".")[0] == "flexgen"}
-    assert len(found) <= MODULES_OF_SOLVE, "import what only some calls need in the function that needs it"
+    assert len(found) <= MODULES_OF_SOLVE, (
+        "import what only some calls need in the function that needs it"
+    )
 
 
 def test_version_loads_no_verb_and_describe_no_solver():
@@ -573,7 +605,9 @@ def test_verbs_are_public_and_not_hidden_by_modules_of_the_same_name():
         "        if verb != '__version__' and not callable(getattr(flexgen, verb)):\n"
         "            print(verb)\n"
     )
-    out = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     assert out == ""
 
 
@@ -586,10 +620,16 @@ def test_verbs_are_public_and_not_hidden_by_modules_of_the_same_name():
         ("flexgen.library.generate", "from flexgen import inversion"),
         ("flexgen.runtime", "from flexgen.codegen import spec"),
         ("flexgen.analysis.linear", "from flexgen.paths.path import Path"),
-        ("flexgen.paths.path", "if TYPE_CHECKING:\n    from flexgen.inversion.solution import Solution"),
+        (
+            "flexgen.paths.path",
+            "if TYPE_CHECKING:\n    from flexgen.inversion.solution import Solution",
+        ),
         ("flexgen.paths.path", "PLOT = 'flexgen.plots.solution'"),
         ("flexgen.paths.path", "PLOT = {'Path.plot': 'flexgen.plots.solution:plot_solution'}"),
-        ("flexgen.paths.path", "def late():\n    return import_module('flexgen.plots.solution').plot_solution"),
+        (
+            "flexgen.paths.path",
+            "def late():\n    return import_module('flexgen.plots.solution').plot_solution",
+        ),
         ("flexgen.paths.path", "from flexgen import solve"),
     ],
 )
@@ -633,7 +673,9 @@ def test_planted_circle_is_seen(module, line, other):
 
 
 def test_planted_import_of_a_variable_is_seen():
-    planted = "from importlib import import_module\n\ndef late(name):\n    return import_module(name)\n"
+    planted = (
+        "from importlib import import_module\n\ndef late(name):\n    return import_module(name)\n"
+    )
     texts = sources() | {"flexgen.paths.planted": planted}
     assert set(unnamed_imports(texts)) == {*IMPORT_BY_NAME, "flexgen.paths.planted"}
 
@@ -646,7 +688,9 @@ def test_planted_import_of_a_variable_is_seen():
         "if TYPE_CHECKING:\n    from flexgen.{other}.laws import Law",
     ],
 )
-@pytest.mark.parametrize(("one", "other"), [*zip(WINGS, [*WINGS[1:], WINGS[0]], strict=True), (WINGS[0], WINGS[0])])
+@pytest.mark.parametrize(
+    ("one", "other"), [*zip(WINGS, [*WINGS[1:], WINGS[0]], strict=True), (WINGS[0], WINGS[0])]
+)
 def test_planted_import_of_a_sibling_is_seen(one, other, line):
     known = {f"flexgen.{name}{end}" for name in WINGS for end in ("", ".laws")}
     imports = imports_of(f"flexgen.{one}.planted", line.format(other=other) + "\n", known)
@@ -655,37 +699,17 @@ def test_planted_import_of_a_sibling_is_seen(one, other, line):
 
 
 @pytest.mark.parametrize(
-    ("path", "text", "where"),
-    [
-        ("flexgen/planted/x.py", "def f():\n" + "    x = 1\n" * FUNCTION, "flexgen/planted/x.py:1"),
-        ("benchmarks/planted.py", "class A:\n    async def f(self):\n" + "        x = 1\n" * FUNCTION, "benchmarks/"),
-    ],
-)
-def test_planted_size_is_seen(path, text, where):
-    assert size_violations(files()) == []
-    found = size_violations(files() | {path: text})
-    assert len(found) == 1 and found[0].startswith(where)
-
-
-def test_examples_of_docstrings_do_not_count_but_what_follows_them_does():
-    example = "\n    Examples\n    --------\n" + "    >>> 1\n    1\n" * FUNCTION
-    text = 'def f():\n    """Nothing.\n' + example + '    """\n' + "    x = 1\n" * (FUNCTION - 3)
-    assert size_violations({"flexgen/planted/x.py": text}) == []
-    assert len(size_violations({"flexgen/planted/x.py": text + "    x = 1\n"})) == 1
-
-
-def test_sizes_at_the_limit_are_allowed():
-    planted = {"flexgen/planted/full.py": "def f():\n" + "    x = 1\n" * (FUNCTION - 1)}
-    assert size_violations(files() | planted) == []
-
-
-@pytest.mark.parametrize(
     ("module", "line", "rooms"),
     [
         ("flexgen.spec.ports", "import casadi as ca", WITHOUT_CASADI),
-        ("flexgen.model", "from casadi import SX", WITHOUT_CASADI),  # a package is imported with its modules
+        # a package is imported with its modules
+        ("flexgen.model", "from casadi import SX", WITHOUT_CASADI),
         ("flexgen.errors", "import numpy.linalg", INSTANT),
-        ("flexgen.cli.result", "try:\n    import scipy.linalg\nexcept ImportError:\n    pass", INSTANT),
+        (
+            "flexgen.cli.result",
+            "try:\n    import scipy.linalg\nexcept ImportError:\n    pass",
+            INSTANT,
+        ),
     ],
 )
 def test_planted_heavy_import_is_seen(module, line, rooms):

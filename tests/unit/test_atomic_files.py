@@ -76,7 +76,8 @@ def test_a_link_of_another_user_in_a_folder_open_to_every_user_is_not_followed(t
         (tmp_path / "own").symlink_to(link)
     path = {"file": link, "folder": link / "keys", "chain": tmp_path / "own"}[way]
     with pytest.raises(
-        ArgumentError, match=f"'{link}' is a symbolic link of the user 65534 in a folder that every user"
+        ArgumentError,
+        match=f"'{link}' is a symbolic link of the user 65534 in a folder that every user",
     ):
         write_text(path, "changed\n")
     assert victim.read_text() == "secret\n" and [p.name for p in mine.iterdir()] == ["keys"]
@@ -94,7 +95,9 @@ def test_the_rule_for_links_holds_for_users_other_than_root(tmp_path, monkeypatc
     real = Path.lstat
     for owner, allowed in ((4321, True), (0, True), (4322, False)):
         monkeypatch.setattr(
-            Path, "lstat", lambda self, owner=owner: os.stat_result((*real(self)[:4], owner, *real(self)[5:]))
+            Path,
+            "lstat",
+            lambda self, owner=owner: os.stat_result((*real(self)[:4], owner, *real(self)[5:])),
         )
         if allowed:
             assert follow_links(shared / "link") == tmp_path / "a.txt"
@@ -139,7 +142,9 @@ def test_the_mode_of_a_file_of_another_user_is_not_kept(tmp_path):
     path.chmod(0o777)
     stranger(path)
     write_text(path, "two\n")
-    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask() and path.stat().st_uid == os.geteuid()
+    assert (
+        stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask() and path.stat().st_uid == os.geteuid()
+    )
 
 
 def test_folders_to_be_written_through_a_link_of_another_user_are_refused(tmp_path):
@@ -154,7 +159,10 @@ def test_folders_to_be_written_through_a_link_of_another_user_are_refused(tmp_pa
         lambda out: flexgen.generate("elbow", out, build=False),
         lambda out: write_folder(out, "ros2", "elbow", {"a.txt": "a"}),
         lambda out: Folder(out, grid, "1", None, False, print),
-        lambda out: flexgen.cli.main.main(["models", "--log", str(out / "log")]) and write_text(out / "log", ""),
+        lambda out: (
+            flexgen.cli.main.main(["models", "--log", str(out / "log")])
+            and write_text(out / "log", "")
+        ),
     )
     for write in writers:
         with pytest.raises(ArgumentError, match="is a symbolic link of the user 65534"):
@@ -168,7 +176,9 @@ def umask() -> int:
     return mask
 
 
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()]
+)
 def test_a_failed_write_leaves_the_old_file(tmp_path, error):
     path = write_text(tmp_path / "a.txt", "one\n")
     expected = ArgumentError if isinstance(error, OSError) else KeyboardInterrupt
@@ -176,12 +186,17 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, error):
         stream.write(b"tw")
         raise error
     if isinstance(error, OSError):
-        assert "(No space left on device); free space on this disk" in str(caught.value) and str(path) in str(caught)
+        assert "(No space left on device); free space on this disk" in str(caught.value) and str(
+            path
+        ) in str(caught)
     assert path.read_text() == "one\n" and [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
 
 def test_reasons_have_advice():
-    told = {code: str(unwritable("x", OSError(code, "reason"))) for code in (errno.EACCES, errno.EROFS, errno.EIO)}
+    told = {
+        code: str(unwritable("x", OSError(code, "reason")))
+        for code in (errno.EACCES, errno.EROFS, errno.EIO)
+    }
     assert "choose a folder that you may write" in told[errno.EACCES]
     assert "choose another path" in told[errno.EIO] and all("'x'" in text for text in told.values())
 
@@ -196,7 +211,9 @@ def test_leftovers_are_removed_but_never_those_in_use(tmp_path):
         "    print('ready', flush=True)\n"
         "    time.sleep(100)\n"
     )
-    with subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE
+    ) as process:
         assert process.stdout is not None and process.stdout.readline() == b"ready\n"
         left = sorted(tmp_path.iterdir())
         assert [path.name[:9] for path in left] == [FILE, FOLDER]

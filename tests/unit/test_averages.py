@@ -9,11 +9,14 @@ from flexgen.numerics.response_estimates import _average
 
 
 @pytest.mark.parametrize(
-    ("average", "expected"), [("arithmetic", 2.5), ("h1", 2.5), ("harmonic", 1.6), ("logarithmic", 2.0)]
+    ("average", "expected"),
+    [("arithmetic", 2.5), ("h1", 2.5), ("harmonic", 1.6), ("logarithmic", 2.0)],
 )
 def test_average_of_one_and_four(average, expected):
     each = np.array([1.0, 4.0]).reshape(1, 2, 1, 1, 1) * np.exp(0.3j)
-    assert _average(each, average) == pytest.approx(np.full((1, 1, 1, 1), expected * np.exp(0.3j)), rel=1e-15)
+    assert _average(each, average) == pytest.approx(
+        np.full((1, 1, 1, 1), expected * np.exp(0.3j)), rel=1e-15
+    )
 
 
 def test_harmonic_mean_of_matrices_is_that_of_their_inverses():

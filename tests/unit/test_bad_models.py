@@ -87,7 +87,9 @@ def test_file_must_be_readable_text(tmp_path):
         read(big)
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b'name = "a"\nsource = "\xff\xfe"\n')
-    with pytest.raises(ModelError, match=r"binary\.toml:2:file: given the byte 0xff, expected text in UTF-8"):
+    with pytest.raises(
+        ModelError, match=r"binary\.toml:2:file: given the byte 0xff, expected text in UTF-8"
+    ):
         read(binary)
     empty = tmp_path / "empty.toml"
     empty.write_text("")
@@ -102,7 +104,15 @@ def test_file_must_be_readable_text(tmp_path):
         read(good, overrides={"element": []})
     with pytest.raises(ArgumentError, match="not a file"):
         read(str(tmp_path) + "/")
-    for wrong in (tmp_path / "none.toml", "a\0b.toml", "x" * 5000 + ".toml", "/dev/zero", 3, None, ""):
+    for wrong in (
+        tmp_path / "none.toml",
+        "a\0b.toml",
+        "x" * 5000 + ".toml",
+        "/dev/zero",
+        3,
+        None,
+        "",
+    ):
         with pytest.raises(ArgumentError):
             read(wrong)
 

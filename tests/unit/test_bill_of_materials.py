@@ -50,7 +50,9 @@ def disagreements(stated: dict[str, str], found: dict[str, str]) -> list[str]:
     return [
         name
         for name, text in found.items()
-        if name not in stated or not families(stated[name]) or not families(text) & families(stated[name])
+        if name not in stated
+        or not families(stated[name])
+        or not families(text) & families(stated[name])
     ]
 
 
@@ -69,21 +71,29 @@ def test_licenses_of_the_page_are_those_of_the_packages(script: ModuleType) -> N
             assert name in listed(), name  # an extra that is not installed: only its row
     assert len(found) >= 12
     assert disagreements(listed(), found) == []
-    assert disagreements(listed(), {"numpy": "LGPL-3.0", "nosuch": "MIT"}) == ["numpy", "nosuch"]  # planted
+    # planted
+    assert disagreements(listed(), {"numpy": "LGPL-3.0", "nosuch": "MIT"}) == ["numpy", "nosuch"]
 
 
 def test_the_bill_lists_what_running_needs(script: ModuleType, tmp_path: Path) -> None:
     target = tmp_path / "sbom.json"
-    subprocess.run([sys.executable, ROOT / ".ci" / "sbom.py", target], check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, ROOT / ".ci" / "sbom.py", target], check=True, capture_output=True
+    )
     bill = json.loads(target.read_text(encoding="utf-8"))
     assert bill["bomFormat"] == "CycloneDX" and bill["specVersion"] == "1.5"
     parts = {part["name"]: part for part in bill["components"]}
     direct = {Requirement(text).name for text in script.PROJECT["dependencies"]}
     assert direct <= set(parts) and "contourpy" in parts  # needed by matplotlib
     for name, part in parts.items():
-        assert part["version"] == version(name) and part["purl"] == f"pkg:pypi/{name}@{part['version']}"
+        assert (
+            part["version"] == version(name)
+            and part["purl"] == f"pkg:pypi/{name}@{part['version']}"
+        )
         assert part["licenses"][0]["license"]["name"] != "unknown"
-    references = {part["bom-ref"] for part in parts.values()} | {bill["metadata"]["component"]["bom-ref"]}
+    references = {part["bom-ref"] for part in parts.values()} | {
+        bill["metadata"]["component"]["bom-ref"]
+    }
     assert {entry["ref"] for entry in bill["dependencies"]} == references
     assert all(set(entry["dependsOn"]) <= references for entry in bill["dependencies"])
     assert json.dumps(script.bill()) == json.dumps(bill)  # a second time, the same

@@ -67,7 +67,9 @@ def ask(run):
 def trajectory(tmp_path_factory):
     """A solved move of the planar arm."""
     path = tmp_path_factory.mktemp("solved") / "line.npz"
-    assert main(["solve", "planar5_nmp", "--out", str(path), "--no-verify", "--quiet", "--json"]) == 0
+    assert (
+        main(["solve", "planar5_nmp", "--out", str(path), "--no-verify", "--quiet", "--json"]) == 0
+    )
     return path
 
 
@@ -97,14 +99,20 @@ def test_broken_file_among_the_models_is_named_and_left_out(ask, tmp_path, monke
 def test_variants_that_are_not_chosen_are_read_too(ask, tmp_path, monkeypatch):
     text = (ROOT / "models" / "elbow.toml").read_text(encoding="utf-8")
     wrong = '\n[variant.wrong]\nset = { "element.upper.body.mass" = -1 }\n'
-    (tmp_path / "arm.toml").write_text(text.replace("description =", 'description = """two\nlines"""\n#', 1) + wrong)
+    (tmp_path / "arm.toml").write_text(
+        text.replace("description =", 'description = """two\nlines"""\n#', 1) + wrong
+    )
     for model in (tmp_path / "arm.toml", f"{tmp_path / 'arm.toml'}@rigid"):
         status, data, _ = ask("describe", model)
         assert status == 1 and "element.upper.body.mass: given -1, expected " in data["error"]
         assert data["error"].endswith("(variant wrong)")
     monkeypatch.setenv("FLEXGEN_MODELS", str(tmp_path))
     status, data, err = ask("models")
-    assert status == 0 and list(data["broken"]) == ["arm@wrong"] and "warning: model arm@wrong is left out: " in err
+    assert (
+        status == 0
+        and list(data["broken"]) == ["arm@wrong"]
+        and "warning: model arm@wrong is left out: " in err
+    )
     row = next(row for row in data["models"] if row["name"] == "arm")
     assert row["variants"] == ["fjm", "rigid", "payload"] and row["description"] == "two\nlines"
 
@@ -112,8 +120,12 @@ def test_variants_that_are_not_chosen_are_read_too(ask, tmp_path, monkeypatch):
 def test_tables_have_one_line_for_each_model(run, tmp_path, monkeypatch):
     monkeypatch.setenv("FLEXGEN_MODELS", str(tmp_path))
     text = (ROOT / "models" / "elbow.toml").read_text(encoding="utf-8")
-    (tmp_path / "arm.toml").write_text(text.replace("description =", 'description = """two\nlines"""\n#', 1))
-    assert next(line for line in run("models")[1].splitlines() if line.startswith("arm ")).endswith("  two lines")
+    (tmp_path / "arm.toml").write_text(
+        text.replace("description =", 'description = """two\nlines"""\n#', 1)
+    )
+    assert next(line for line in run("models")[1].splitlines() if line.startswith("arm ")).endswith(
+        "  two lines"
+    )
     assert run("describe", "arm")[1].splitlines()[0] == "elbow: two lines"
 
 
@@ -127,9 +139,23 @@ def test_folder_of_models_that_is_not_there(ask, monkeypatch):
 def test_describe(ask, run):
     status, data, _ = ask("describe", "planar5_nmp")
     assert status == 0
-    assert {"name", "source", "n_m", "n_g", "n_e", "dof", "coordinates", "motors", "moves", "variants"} <= set(data)
+    assert {
+        "name",
+        "source",
+        "n_m",
+        "n_g",
+        "n_e",
+        "dof",
+        "coordinates",
+        "motors",
+        "moves",
+        "variants",
+    } <= set(data)
     assert [c["name"] for c in data["coordinates"]] == ["q1", "q2", "q3"]
-    assert data["coordinates"][0]["gear"]["damping"] == 400.0 and data["coordinates"][2]["spring"]["type"] == "linear"
+    assert (
+        data["coordinates"][0]["gear"]["damping"] == 400.0
+        and data["coordinates"][2]["spring"]["type"] == "linear"
+    )
     status, text, _ = run("describe", "planar5_nmp")
     assert status == 0 and "coordinate" in text and "m1" in text
     rows = {line.split()[0]: line for line in text.splitlines() if line}
@@ -165,14 +191,20 @@ def test_set(ask):
         "--set",
         "home_rad=[0, 1]",
     )
-    assert data["motors"][0]["inertia"] == 0.5 and data["output"]["axes"] == "x" and data["home"] == [0.0, 1.0]
+    assert (
+        data["motors"][0]["inertia"] == 0.5
+        and data["output"]["axes"] == "x"
+        and data["home"] == [0.0, 1.0]
+    )
     status, data, _ = ask("describe", "planar5_nmp", "--set", "motor.m9.inertia=0.5")
     assert status == 1 and "motor.m9.inertia" in data["error"]
     status, data, _ = ask("describe", "planar5_nmp", "--set", "motor.m1.inertia=-1")
     assert status == 1 and "inertia" in data["error"]
 
 
-@pytest.mark.parametrize("text", ["motor.m1.inertia", "=3", "name=elbow", "x=1\ny=2", "x=", "x=[1,"])
+@pytest.mark.parametrize(
+    "text", ["motor.m1.inertia", "=3", "name=elbow", "x=1\ny=2", "x=", "x=[1,"]
+)
 def test_bad_set_is_a_usage_error(ask, text):
     status, data, err = ask("describe", "planar5_nmp", "--set", text)
     assert status == 2 and "KEY=VALUE" in data["error"] and "usage:" in err
@@ -181,7 +213,12 @@ def test_bad_set_is_a_usage_error(ask, text):
 # --- derive -----------------------------------------------------------------------------------------------------------
 def test_derive(ask, run, tmp_path):
     status, data, _ = ask("derive", "elbow")
-    assert status == 0 and data["functions"]["mass_matrix"] > 0 and data["seconds"] >= 0 and "text" not in data
+    assert (
+        status == 0
+        and data["functions"]["mass_matrix"] > 0
+        and data["seconds"] >= 0
+        and "text" not in data
+    )
     status, text, _ = run("derive", "elbow")
     assert status == 0 and text.startswith("elbow") and "cos(" in text
     assert ask("derive", "elbow", "--text")[1]["text"].strip() == text.strip()
@@ -211,7 +248,8 @@ def test_analyze(ask, run):
 
 
 @pytest.mark.parametrize(
-    "words", [["--pose", "-0.3,1,0"], ["--pose=-0.3,1,0"], ["--pose", "-.3,1"], ["--pose", "-3e-1, 1"]]
+    "words",
+    [["--pose", "-0.3,1,0"], ["--pose=-0.3,1,0"], ["--pose", "-.3,1"], ["--pose", "-3e-1, 1"]],
 )
 def test_negative_pose(ask, words):
     status, data, _ = ask("analyze", "planar5_nmp", *words)
@@ -234,13 +272,27 @@ def test_pose_of_the_wrong_length(ask):
 def test_generate(ask, run, tmp_path):
     status, data, err = ask("generate", "elbow", "--out", tmp_path / "c")
     assert status == 0 and {"directory", "files", "functions", "digest", "seconds"} <= set(data)
-    assert data["directory"] == str(tmp_path / "c") and all(Path(file).is_file() for file in data["files"])
+    assert data["directory"] == str(tmp_path / "c") and all(
+        Path(file).is_file() for file in data["files"]
+    )
     assert "mass_matrix" in data["functions"] and "compiling" in err
     again = ask("generate", "elbow", "--out", tmp_path / "c")[1]
     assert again["cached"] and again["digest"] == data["digest"]
     status, text, _ = run("generate", "elbow", "--out", tmp_path / "c")
-    assert status == 0 and "nothing has changed" in text and "wrote" not in text and "mass_matrix" in text
-    few = ["generate", "elbow", "--out", tmp_path / "few", "--functions", "motor_friction, inverse_dynamics"]
+    assert (
+        status == 0
+        and "nothing has changed" in text
+        and "wrote" not in text
+        and "mass_matrix" in text
+    )
+    few = [
+        "generate",
+        "elbow",
+        "--out",
+        tmp_path / "few",
+        "--functions",
+        "motor_friction, inverse_dynamics",
+    ]
     data, other = ask(*few)[1], ask(*few, "--set", "motor.m1.inertia=0.02")[1]
     assert not other["cached"] and other["digest"] != data["digest"]
     status, text, _ = run("generate", "elbow", "--out", tmp_path / "c", "--force", "--no-build")
@@ -259,11 +311,24 @@ def test_generate_some_functions(ask, tmp_path):
 @needs_compiler
 def test_generate_with_options(ask, tmp_path):
     status, data, _ = ask(
-        "generate", "elbow", "--out", tmp_path / "c", "--single", "--native", "--parameters", "payload, damping"
+        "generate",
+        "elbow",
+        "--out",
+        tmp_path / "c",
+        "--single",
+        "--native",
+        "--parameters",
+        "payload, damping",
     )
     manifest = json.loads((tmp_path / "c" / "manifest.json").read_text())
-    assert status == 0 and manifest["precision"] == "single" and "-march=native" in manifest["build"]["flags"]
-    assert {"payload.mass", "q1.damping"} <= {parameter["name"] for parameter in manifest["parameters"]}
+    assert (
+        status == 0
+        and manifest["precision"] == "single"
+        and "-march=native" in manifest["build"]["flags"]
+    )
+    assert {"payload.mass", "q1.damping"} <= {
+        parameter["name"] for parameter in manifest["parameters"]
+    }
     assert "payload.mass = " in (tmp_path / "c" / "elbow.h").read_text()
     status, data, _ = ask("generate", "elbow", "--out", tmp_path / "d", "--parameters", "nothing")
     assert status == 1 and "parameters: given 'nothing', expected some of" in data["error"]
@@ -278,12 +343,16 @@ def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
     assert status == 1 and "--no-build" in data["error"]
     status, text, _ = run("generate", "elbow", "--out", tmp_path / "c", "--no-build")
     assert status == 0 and "not compiled" in text and "elbow.h" in text
-    assert "nothing has changed" in run("generate", "elbow", "--out", tmp_path / "c", "--no-build")[1]
+    assert (
+        "nothing has changed" in run("generate", "elbow", "--out", tmp_path / "c", "--no-build")[1]
+    )
 
 
 # --- solve, simulate --------------------------------------------------------------------------------------------------
 def test_solve(ask, tmp_path):
-    status, data, _ = ask("solve", "planar5_nmp", "--move", "joints", "--out", tmp_path / "a" / "joints.csv")
+    status, data, _ = ask(
+        "solve", "planar5_nmp", "--move", "joints", "--out", tmp_path / "a" / "joints.csv"
+    )
     assert status == 0
     keys = (
         "status method move wall_s cpu_s tool_error_max_m tool_error_max_rad torque_max_Nm residual_max_Nm iterations "
@@ -321,13 +390,19 @@ def test_active_limits_are_not_a_missed_tolerance():
     simulation = replace(solution.simulation, tool_error_max_m=3.9e-10)
     rows = figure_rows(replace(solution, simulation=simulation))
     assert ("tool error open loop, largest", 3.9e-4, "um") in [
-        (label, round(value, 9) if isinstance(value, float) else value, unit) for label, value, unit in rows
+        (label, round(value, 9) if isinstance(value, float) else value, unit)
+        for label, value, unit in rows
     ]
     simulation = replace(simulation, tool_error_max_m=0.0125)
-    limited = replace(solution, status=Status.LIMITS_ACTIVE, simulation=simulation, plan_error_max_m=2e-9)
+    limited = replace(
+        solution, status=Status.LIMITS_ACTIVE, simulation=simulation, plan_error_max_m=2e-9
+    )
     text = " ".join(figures(figure_rows(limited)).split())
     assert "status limits active" in text
-    assert "distance of the tool from the reference at the same time (limits active), largest 12.5 mm" in text
+    assert (
+        "distance of the tool from the reference at the same time (limits active), largest 12.5 mm"
+        in text
+    )
     assert "simulated error from the modified path, largest 0.002 um" in text
     strays = SimpleNamespace(
         status=Status.TOLERANCE_NOT_MET,
@@ -341,9 +416,14 @@ def test_active_limits_are_not_a_missed_tolerance():
         plan_error_max_m=2e-4,
         plan_error_max_rad=3e-3,
     )
-    assert "deviates from the plan by 200 um and 3 mrad, more than the accuracy 1e-06" in problem_of(strays, 1e-6)
+    assert (
+        "deviates from the plan by 200 um and 3 mrad, more than the accuracy 1e-06"
+        in problem_of(strays, 1e-6)
+    )
     strays.plan_error_max = None
-    assert "deviates from the path by 100 mm, more than the accuracy 1e-06" in problem_of(strays, 1e-6)
+    assert "deviates from the path by 100 mm, more than the accuracy 1e-06" in problem_of(
+        strays, 1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -405,16 +485,24 @@ def test_simulate_with_a_trajectory_of_another_model(ask, trajectory, tmp_path):
 # --- what is wrong with files -----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("verb", ["describe", "derive", "analyze", "generate", "solve", "run"])
 @pytest.mark.parametrize(
-    "content", [b"", b"\xff\xfe\x00", b"name = ", b"name = 'a'\n", b"[" * 5000, b'{"name": "json"}'], ids=range(6)
+    "content",
+    [b"", b"\xff\xfe\x00", b"name = ", b"name = 'a'\n", b"[" * 5000, b'{"name": "json"}'],
+    ids=range(6),
 )
 def test_bad_model_files(ask, tmp_path, verb, content):
     file = tmp_path / "bad.toml"
     file.write_bytes(content)
     status, data, err = ask(verb, file)
-    assert status == 1 and data["error"].startswith(f"{file}:") and err == f"flexgen: {data['error']}\n"
+    assert (
+        status == 1
+        and data["error"].startswith(f"{file}:")
+        and err == f"flexgen: {data['error']}\n"
+    )
 
 
-@pytest.mark.parametrize("model", ["nosuch", "nosuch.toml", "/", "models/", "a@b@c", "@", "", "..", "x" * 5000, "\0"])
+@pytest.mark.parametrize(
+    "model", ["nosuch", "nosuch.toml", "/", "models/", "a@b@c", "@", "", "..", "x" * 5000, "\0"]
+)
 def test_models_that_are_not_there(ask, model):
     status, data, _ = ask("describe", model)
     assert status == 1 and data["error"]
@@ -440,7 +528,11 @@ def test_paths_that_cannot_be_written(ask, tmp_path):
 def test_full_disk(ask):
     with open("/dev/full", "w") as full:
         answer = subprocess.run(
-            [sys.executable, "-m", "flexgen", "models"], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "flexgen", "models"],
+            cwd=ROOT,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
         )
     assert (
         answer.returncode == 1
@@ -465,7 +557,17 @@ def test_usage(run):
 def test_help(run):
     status, text, _ = run("--help")
     assert status == 0 and run() == (0, text, "")
-    for verb in ("models", "describe", "derive", "analyze", "generate", "solve", "plan", "simulate", "run"):
+    for verb in (
+        "models",
+        "describe",
+        "derive",
+        "analyze",
+        "generate",
+        "solve",
+        "plan",
+        "simulate",
+        "run",
+    ):
         assert verb in text
         status, own, _ = run(verb, "--help")
         assert status == 0 and "--json" in own
@@ -477,10 +579,16 @@ def test_help_of_generate_lists_the_functions_and_loads_nothing_heavy():
         "import sys; from flexgen.cli.main import main; assert main(['generate', '--help']) == 0\n"
         "print(*{name.partition('.')[0] for name in sys.modules}, file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     listed = done.stdout.partition("functions:\n")[2].splitlines()
     names = [row.name for row in TABLE if not split_product(row.name)[1]]
-    assert [line.split()[0] for line in listed if line[:4].strip()] == [*names, "NAME_jvp", "NAME_vjp"]
+    assert [line.split()[0] for line in listed if line[:4].strip()] == [
+        *names,
+        "NAME_jvp",
+        "NAME_vjp",
+    ]
     assert not {"numpy", "casadi", "scipy", "sympy", "matplotlib"} & set(done.stderr.split())
 
 
@@ -493,7 +601,17 @@ def test_help_of_generate_lists_the_functions_and_loads_nothing_heavy():
         (["generate", "elbow", "--precisoin"], "'--precision'"),
         (["analyze", "elbow", "--move", "lin"], "'line'"),
         (["solve", "elbow", "--move", "jonts"], "'joints'"),
-        (["solve", "planar5_nmp", "--moves", ROOT / "examples" / "program.toml", "--move", "seem"], "'seam'"),
+        (
+            [
+                "solve",
+                "planar5_nmp",
+                "--moves",
+                ROOT / "examples" / "program.toml",
+                "--move",
+                "seem",
+            ],
+            "'seam'",
+        ),
     ],
 )
 def test_misspelled_words_get_a_suggestion(ask, words, meant):
@@ -510,7 +628,9 @@ def noise(args, log):
     print("from Python")
     os.write(1, b"from C\n")
     log("progress")
-    return result.VerbResult({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
+    return result.VerbResult(
+        {"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"]
+    )
 
 
 def test_only_the_result_is_on_standard_output(ask, run, monkeypatch):
@@ -524,7 +644,12 @@ def test_only_the_result_is_on_standard_output(ask, run, monkeypatch):
 
 @pytest.mark.parametrize(
     ("error", "expected"),
-    [(KeyboardInterrupt(), 130), (RuntimeError("broken"), 1), (MemoryError(), 1), (SystemExit(3), 1)],
+    [
+        (KeyboardInterrupt(), 130),
+        (RuntimeError("broken"), 1),
+        (MemoryError(), 1),
+        (SystemExit(3), 1),
+    ],
 )
 def test_unexpected_ends(ask, monkeypatch, error, expected):
     def fail(args, log):
@@ -560,7 +685,9 @@ def test_numerical_failures_name_the_model(ask, monkeypatch, error):
 def test_absurd_numbers_are_refused(ask):
     for value in ("1e308", "5e-324", "1e15"):
         status, data, _ = ask("solve", "elbow", "--set", f"motor.m1.inertia={value}")
-        assert status == 1 and "expected a number of magnitude 1e-18 to 1e12 (or 0)" in data["error"]
+        assert (
+            status == 1 and "expected a number of magnitude 1e-18 to 1e12 (or 0)" in data["error"]
+        )
 
 
 def test_interruption_that_a_solver_swallows(ask, monkeypatch):
@@ -578,7 +705,11 @@ def test_closed_pipe_is_quiet():
     reader, writer = os.pipe()
     os.close(reader)
     answer = subprocess.run(
-        [sys.executable, "cli.py", "models"], cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, text=True
+        [sys.executable, "cli.py", "models"],
+        cwd=ROOT,
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     os.close(writer)
     assert answer.stderr == "" and answer.returncode == 141
@@ -589,34 +720,72 @@ def test_clone_without_installation(tmp_path):
     command = [sys.executable, "-S", "-E", str(ROOT / "cli.py")]
     answer = subprocess.run([*command, "--help"], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0 and "describe" in answer.stdout
-    answer = subprocess.run([*command, "models", "--json"], cwd=tmp_path, capture_output=True, text=True)
+    answer = subprocess.run(
+        [*command, "models", "--json"], cwd=tmp_path, capture_output=True, text=True
+    )
     assert answer.returncode == 1 and "make setup" in json.loads(answer.stdout)["error"]
     assert "Traceback" not in answer.stderr
 
 
 def test_output_in_an_ascii_terminal():
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    command = [sys.executable, "-m", "flexgen", "describe", "elbow", "--set", 'description="Ümlaut"']
+    command = [
+        sys.executable,
+        "-m",
+        "flexgen",
+        "describe",
+        "elbow",
+        "--set",
+        'description="Ümlaut"',
+    ]
     answer = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True)
-    assert answer.returncode == 0 and b"mlaut" in answer.stdout and b"Traceback" not in answer.stderr
+    assert (
+        answer.returncode == 0 and b"mlaut" in answer.stdout and b"Traceback" not in answer.stderr
+    )
 
 
 # --- printing ---------------------------------------------------------------------------------------------------------
 def test_tables_are_aligned():
     text = table([["a", 1.0, "m"], ["long", None, ""]], ("what", "value", "unit"))
-    assert text.splitlines() == ["what  value  unit", "----  -----  ----", "a         1  m", "long      -"]
+    assert text.splitlines() == [
+        "what  value  unit",
+        "----  -----  ----",
+        "a         1  m",
+        "long      -",
+    ]
 
 
 def test_numbers_as_text():
     given = [0.00012345, 123456.0, 1.5, float("nan"), None, 3, "x", True, -2500.4, 1e-12]
-    assert [number(x) for x in given] == ["0.0001234", "123456", "1.5", "-", "-", "3", "x", "yes", "-2500", "1e-12"]
+    assert [number(x) for x in given] == [
+        "0.0001234",
+        "123456",
+        "1.5",
+        "-",
+        "-",
+        "3",
+        "x",
+        "yes",
+        "-2500",
+        "1e-12",
+    ]
     assert roots([[None, 1.0], [1.0, None], [-2.0, 0.0]]) == ["- (2 times)", "-2"]
-    assert roots([[-1.0, -2.0], [-1.0, 2.0], [-3.0, 0.0], [-3.0, 0.0]]) == ["-1 +/- 2i", "-3 (2 times)"]
+    assert roots([[-1.0, -2.0], [-1.0, 2.0], [-3.0, 0.0], [-3.0, 0.0]]) == [
+        "-1 +/- 2i",
+        "-3 (2 times)",
+    ]
 
 
 def test_analysis_without_figures():
-    data = dict.fromkeys("pose motor_torque_Nm modes_hz modes_damping zeros zeros_motor phase structural_index".split())
-    data |= {"pose": [None], "motor_torque_Nm": [None], "unstable_time_constant_s": None, "preview_s": None}
+    data = dict.fromkeys(
+        "pose motor_torque_Nm modes_hz modes_damping zeros zeros_motor phase structural_index".split()
+    )
+    data |= {
+        "pose": [None],
+        "motor_torque_Nm": [None],
+        "unstable_time_constant_s": None,
+        "preview_s": None,
+    }
     assert "q1" in analysis_text(data, [("q1", "rad")], ["m1"])
     data |= {
         "zeros": [[None, None]],
@@ -644,7 +813,9 @@ def test_json_types():
 def test_run_and_reports(ask, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, data, _ = ask("run", "planar5_nmp")
-    assert status == 0 and data["solve"]["status"] == "solved" and data["load"]["difference_Nm"] < 1e-9
+    assert (
+        status == 0 and data["solve"]["status"] == "solved" and data["load"]["difference_Nm"] < 1e-9
+    )
     assert data["report"] == str(Path("reports", "planar5_nmp", "index.html"))
     assert "<svg" in Path(data["report"]).read_text(encoding="utf-8")
     assert Trajectory.load(data["solve"]["trajectory"])["tau_m"].shape[1] == 2
@@ -671,5 +842,7 @@ def test_of_several_moves_those_before_an_interruption_are_given(last, monkeypat
     monkeypatch.setattr("flexgen.cli.verbs.solve._solve_one", one)
     assert main(["solve", "elbow", "--move", "line", "--move", "joints", "--json", "-q"]) == 130
     assert (
-        [row["move"] for row in json.loads(capsys.readouterr().out)["solutions"]] == told == ["line", "joints"][:last]
+        [row["move"] for row in json.loads(capsys.readouterr().out)["solutions"]]
+        == told
+        == ["line", "joints"][:last]
     )

@@ -29,7 +29,9 @@ def words_of(verb: str, *options: str) -> list[str]:
     files = {a.option_strings[0]: "x.toml" if a.type is toml_file else "x.npz" for a in options_}
     words = [word for pair in files.items() for word in pair]
     places = [
-        str(next(iter(action.choices))) if action.choices else "x" for action in required if not action.option_strings
+        str(next(iter(action.choices))) if action.choices else "x"
+        for action in required
+        if not action.option_strings
     ]
     return [*verb.split(), *places, *words, *options]
 
@@ -41,7 +43,11 @@ def test_a_negative_number_is_a_value_of_each_option(text):
         try:
             PARSER.parse_known_args(words_of(verb, action.option_strings[-1], text))
         except UsageError as error:  # refused by its type, with a sentence
-            assert f"given {text!r}, expected " in str(error) or "given twice" in str(error), (verb, action.dest, error)
+            assert f"given {text!r}, expected " in str(error) or "given twice" in str(error), (
+                verb,
+                action.dest,
+                error,
+            )
 
 
 def test_noise_below_zero_is_refused_by_its_range():
@@ -49,13 +55,26 @@ def test_noise_below_zero_is_refused_by_its_range():
         parse(["control", "elbow", "--encoder-noise", "-1e-3"])
 
 
-@pytest.mark.parametrize("several", [["-20.5", "1e1", "-.5"], ["-20.5,1e1,-.5"], ["-20.5,", "1e1,", "-.5"]])
+@pytest.mark.parametrize(
+    "several", [["-20.5", "1e1", "-.5"], ["-20.5,1e1,-.5"], ["-20.5,", "1e1,", "-.5"]]
+)
 def test_options_of_several_numbers_take_them_with_spaces_or_commas(several):
     options = [(verb, action) for verb, action in VALUES if action.type is numbers]
-    assert {action.dest for _, action in options} >= {"pose", "torque", "speed", "joints", "position", "rotation"}
+    assert {action.dest for _, action in options} >= {
+        "pose",
+        "torque",
+        "speed",
+        "joints",
+        "position",
+        "rotation",
+    }
     for verb, action in options:
         option, model = action.option_strings[0], VERBS[verb]._positionals._group_actions[0].dest
-        for words in ([option, *several, "x"], ["x", option, *several], ["x", f"{option}={several[0]}", *several[1:]]):
+        for words in (
+            [option, *several, "x"],
+            ["x", option, *several],
+            ["x", f"{option}={several[0]}", *several[1:]],
+        ):
             args = PARSER.parse_args([*verb.split(), *words])
             assert getattr(args, action.dest) == [-20.5, 10.0, -0.5] and getattr(args, model) == "x"
 
@@ -63,11 +82,14 @@ def test_options_of_several_numbers_take_them_with_spaces_or_commas(several):
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_result_of_each_verb_goes_to_out(verb):
     shown = VERBS[verb].options()
-    assert not {"--directory", "--output", "--table"} & {word for word in shown if "--out" not in shown}
+    assert not {"--directory", "--output", "--table"} & {
+        word for word in shown if "--out" not in shown
+    }
 
 
 @pytest.mark.parametrize(
-    "verb", [verb for verb, parser in VERBS.items() if "--directory" in parser._option_string_actions]
+    "verb",
+    [verb for verb, parser in VERBS.items() if "--directory" in parser._option_string_actions],
 )
 def test_the_old_name_of_out_is_accepted_with_a_warning(verb, monkeypatch, capsys, tmp_path):
     seen = []
@@ -135,15 +157,27 @@ def test_a_wrong_argument_gets_a_hint_that_fits(words, hint):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("identify elbow x.npz --rigid --starts 5", "--rigid: given with --starts, expected without"),
+        (
+            "identify elbow x.npz --rigid --starts 5",
+            "--rigid: given with --starts, expected without",
+        ),
         (
             "identify elbow x.npz --rigid --residual lls --report r",
             "--rigid: given with --residual, --report, expected",
         ),
-        ("identify elbow x.npz --segments 1 --free a --floor 0.1", "--segments: given with --floor, expected without"),
+        (
+            "identify elbow x.npz --segments 1 --free a --floor 0.1",
+            "--segments: given with --floor, expected without",
+        ),
         ("identify elbow x.npz --truth elbow", "--truth: given without --move"),
-        ("kinematics manutec_r3 --joints 0 0 0 0 0 0 --rotation 1 2 3", "--joints: given with --rotation"),
-        ("solve elbow --no-verify --accuracy 1e-9", "--no-verify: given with --accuracy, expected without"),
+        (
+            "kinematics manutec_r3 --joints 0 0 0 0 0 0 --rotation 1 2 3",
+            "--joints: given with --rotation",
+        ),
+        (
+            "solve elbow --no-verify --accuracy 1e-9",
+            "--no-verify: given with --accuracy, expected without",
+        ),
     ],
 )
 def test_options_without_effect_are_refused(words, message, capsys, tmp_path, monkeypatch):
@@ -153,7 +187,15 @@ def test_options_without_effect_are_refused(words, message, capsys, tmp_path, mo
 
 
 def test_a_method_names_arguments_that_it_does_not_use(capsys):
-    assert main(["solve", "elbow", "--mesh", "0.01", "--preview", "0.2", "--json", "-q", "--no-verify"]) == 0
+    assert (
+        main(
+            ["solve", "elbow", "--mesh", "0.01", "--preview", "0.2", "--json", "-q", "--no-verify"]
+        )
+        == 0
+    )
     warnings = json.loads(capsys.readouterr().out)["warnings"]
-    assert [text.split(",")[0] for text in warnings] == ["preview: given 0.2 s", "mesh: given 0.01 s"]
+    assert [text.split(",")[0] for text in warnings] == [
+        "preview: given 0.2 s",
+        "mesh: given 0.01 s",
+    ]
     assert all("no effect: method closed-form" in text for text in warnings)

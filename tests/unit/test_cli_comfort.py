@@ -43,7 +43,9 @@ def run(capfd):
 
 # --- width ------------------------------------------------------------------------------------------------------------
 
-ROWS = [["planar5_nmp", 2, "an arm with a very long description, of many words that fill a line", 1.5]]
+ROWS = [
+    ["planar5_nmp", 2, "an arm with a very long description, of many words that fill a line", 1.5]
+]
 HEAD = ("name", "motors", "description", "mass kg")
 
 
@@ -59,7 +61,9 @@ def test_tables_fit(width):
 
 def test_columns_that_do_not_fit_are_named():
     with fit_tables(30):
-        text = table([["a" * 10, 1.0, 2.0, 3.0]], ("name", "first number", "second number", "third"))
+        text = table(
+            [["a" * 10, 1.0, 2.0, 3.0]], ("name", "first number", "second number", "third")
+        )
     assert "first number" in text.splitlines()[0] and "second number" not in text.splitlines()[0]
     assert "(left out: second number, third;" in " ".join(text.split())
     assert max(map(len, text.splitlines())) <= 30
@@ -75,7 +79,9 @@ def on_a_terminal(columns: int, *words: str) -> str:
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, columns, 0, 0))
     environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
     command = [sys.executable, "-m", "flexgen", *words]
-    with subprocess.Popen(command, cwd=ROOT, stdout=slave, stderr=subprocess.DEVNULL, env=environment) as process:
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=slave, stderr=subprocess.DEVNULL, env=environment
+    ) as process:
         os.close(slave)
         seen = b""
         while True:
@@ -91,7 +97,9 @@ def on_a_terminal(columns: int, *words: str) -> str:
     return seen.decode().replace("\r\n", "\n")
 
 
-@pytest.mark.parametrize("words", [["models"], ["describe", "manutec_r3_efjm"], ["analyze", "planar5_nmp"]])
+@pytest.mark.parametrize(
+    "words", [["models"], ["describe", "manutec_r3_efjm"], ["analyze", "planar5_nmp"]]
+)
 @pytest.mark.parametrize("columns", [60, 100])
 def test_no_line_is_wider_than_the_terminal(words, columns):
     text = on_a_terminal(columns, *words)
@@ -176,7 +184,11 @@ def test_the_log_has_messages_and_results(run, tmp_path):
 
 def test_a_log_that_cannot_be_written_is_refused(run, tmp_path):
     status, out, err = run("models", "--json", "--log", tmp_path / "no" / "f.log")
-    assert status == 1 and json.loads(out)["error"].startswith("--log: cannot write ") and "f.log" in err
+    assert (
+        status == 1
+        and json.loads(out)["error"].startswith("--log: cannot write ")
+        and "f.log" in err
+    )
 
 
 # --- completion -------------------------------------------------------------------------------------------------------
@@ -185,7 +197,10 @@ def test_a_log_that_cannot_be_written_is_refused(run, tmp_path):
 @pytest.mark.parametrize("shell", LISTS["SHELLS"]())
 def test_completion_knows_verbs_options_and_models(run, shell):
     status, script, _ = run("completion", shell)
-    assert status == 0 and json.loads(run("completion", shell, "--json")[1])["script"].strip() == script.strip()
+    assert (
+        status == 0
+        and json.loads(run("completion", shell, "--json")[1])["script"].strip() == script.strip()
+    )
     for verb in verbs(build_parser()):
         assert re.search(rf"\b{verb}\b", script)
     words = ["collocation", *(row["name"] for row in models({}))]
@@ -213,7 +228,11 @@ def test_bash_completes(run, words, expected):
     typed = " ".join(f"'{word}'" for word in words)
     ask = f"COMP_WORDS=(flexgen {typed})\nCOMP_CWORD={len(words)}\n_flexgen\n"
     done = subprocess.run(
-        ["bash"], input=f'{script}\n{ask}printf "%s\\n" "${{COMPREPLY[@]}}"', text=True, capture_output=True, check=True
+        ["bash"],
+        input=f'{script}\n{ask}printf "%s\\n" "${{COMPREPLY[@]}}"',
+        text=True,
+        capture_output=True,
+        check=True,
     )
     assert done.stdout.split() == expected and done.stderr == ""
 
@@ -235,14 +254,20 @@ def test_a_method_that_takes_minutes_is_announced(run, monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr("flexgen.inversion.solve.solve", stop)
-    assert "method full with 12 coordinates takes many minutes" in run("solve", "manutec_r3_18", "--method", "full")[2]
+    assert (
+        "method full with 12 coordinates takes many minutes"
+        in run("solve", "manutec_r3_18", "--method", "full")[2]
+    )
     assert "takes many minutes" not in run("solve", "elbow", "--method", "full")[2]
 
 
 def test_failures_are_grouped_by_reason():
     errors = ["error 1.5e-3 above 1e-5", "no equilibrium", "error 22 above 1e-6"]
     groups = group_reasons([3, 5, 8], errors)
-    assert groups == [{"reason": errors[0], "cases": [3, 8]}, {"reason": "no equilibrium", "cases": [5]}]
+    assert groups == [
+        {"reason": errors[0], "cases": [3, 8]},
+        {"reason": "no equilibrium", "cases": [5]},
+    ]
 
 
 @pytest.mark.slow

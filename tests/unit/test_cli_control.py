@@ -21,8 +21,24 @@ pytestmark = needs_compiler
 
 @pytest.mark.usefixtures("undrawn")
 def test_control_prints_a_table_and_writes_what_is_asked(tmp_path, capsys):
-    words = ["control", "planar5_nmp", "--plant", "soft:stiffness=0.8", "--plant", "payload=2", "--delay", "5e-4"]
-    words += ["--disturb", "pulse:tool.x=100@0.2+0.02", "--encoder-noise", "1e-5", "--out", str(tmp_path / "run.csv")]
+    words = [
+        "control",
+        "planar5_nmp",
+        "--plant",
+        "soft:stiffness=0.8",
+        "--plant",
+        "payload=2",
+        "--delay",
+        "5e-4",
+    ]
+    words += [
+        "--disturb",
+        "pulse:tool.x=100@0.2+0.02",
+        "--encoder-noise",
+        "1e-5",
+        "--out",
+        str(tmp_path / "run.csv"),
+    ]
     assert main([*words, "--report", str(tmp_path / "page"), "-q"]) == 0
     text = capsys.readouterr().out
     assert "payload=2: load +2 kg at the tool, [0.45, 0, 0] m in the frame of the last tip" in text
@@ -57,7 +73,16 @@ WALL = "1.14,-0.147,0:0.2,-0.21,0:1e5:500"  # before the end of the line of plan
 @pytest.mark.slow
 def test_a_wall_and_passivity_are_those_of_python(capsys):
     wall = flexgen.Wall((1.14, -0.147, 0.0), (0.2, -0.21, 0.0), stiffness=1e5, damping=500.0)
-    words = ["control", "planar5_nmp", "--wall", WALL, "--passivity", "--sample-time", "0.001", "-q"]
+    words = [
+        "control",
+        "planar5_nmp",
+        "--wall",
+        WALL,
+        "--passivity",
+        "--sample-time",
+        "0.001",
+        "-q",
+    ]
     assert main([*words, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     run = flexgen.control("planar5_nmp", wall=wall, sample_time=1e-3, progress=False)
@@ -84,7 +109,9 @@ def test_a_simulation_with_a_wall_and_what_sensors_read(tmp_path, capsys):
     assert "[[sensor]]" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("given", ["1,0,0", "1,0:0,1,0:1e5", "1,0,0:0,1,0", "1,0,0:0,1,0:stiff", "1,0,0:0,1,0:1:2:3:4"])
+@pytest.mark.parametrize(
+    "given", ["1,0,0", "1,0:0,1,0:1e5", "1,0,0:0,1,0", "1,0,0:0,1,0:stiff", "1,0,0:0,1,0:1:2:3:4"]
+)
 def test_walls_that_cannot_be_read(given, capsys):
     assert main(["control", "planar5_nmp", "--wall", given]) == 2
     assert "expected X,Y,Z:NX,NY,NZ:K[:C[:GAP]]" in capsys.readouterr().err
@@ -93,7 +120,14 @@ def test_walls_that_cannot_be_read(given, capsys):
 def test_an_unstable_loop_fails(tmp_path, capsys):
     (tmp_path / "hot.toml").write_text('type = "cascade"\nposition_gain = [900.0, 900.0]\n'
                                        "speed_gain = [900.0, 900.0]\nintegral_gain = [0.0, 0.0]\n")  # fmt: skip
-    words = ["control", "planar5_nmp", "-q", "--no-torque-limits", "--controller", str(tmp_path / "hot.toml")]
+    words = [
+        "control",
+        "planar5_nmp",
+        "-q",
+        "--no-torque-limits",
+        "--controller",
+        str(tmp_path / "hot.toml"),
+    ]
     assert main([*words, "--encoder-noise", "1e-4"]) == 1
     assert "failed: nominal" in capsys.readouterr().err
 
@@ -116,10 +150,15 @@ def test_wrong_words_are_refused_with_a_message(words, said, capsys):
 
 def test_options_that_are_repeated_are_robots_by_name(monkeypatch, capsys):
     seen = {}
-    monkeypatch.setattr(flexgen, "command_positions", lambda model, **given: seen.update(given) or {})
+    monkeypatch.setattr(
+        flexgen, "command_positions", lambda model, **given: seen.update(given) or {}
+    )
     words = ["command-positions", "planar5_nmp", "-q", "--plants", "soft:stiffness=0.8,payload=5"]
     assert main([*words, "--plants", "stiffness=0.9"]) == 0
-    assert seen["plants"] == {"soft": {"stiffness": 0.8, "payload": 5.0}, "stiffness=0.9": {"stiffness": 0.9}}
+    assert seen["plants"] == {
+        "soft": {"stiffness": 0.8, "payload": 5.0},
+        "stiffness=0.9": {"stiffness": 0.9},
+    }
     assert main([*words, "--plants", "soft:stiffness=0.7"]) == 1
     assert main([*words, "--out", "positions.txt"]) == 2  # before the computation
     said = capsys.readouterr().err
@@ -138,7 +177,11 @@ def test_score_and_its_refusals(tmp_path, capsys):
     one = ["score", "four_mass@1", "-q", "--controller"]  # without draws, in a fifth of the time
     assert main([*one, "ppi", "--controller", str(tmp_path / "hot.toml")]) == 0
     text = capsys.readouterr().out
-    assert "refused" in text and "hot.toml is refused:" in text and text.index("ppi ") < text.index("hot.toml ")
+    assert (
+        "refused" in text
+        and "hot.toml is refused:" in text
+        and text.index("ppi ") < text.index("hot.toml ")
+    )
     assert main([*one, str(tmp_path / "hot.toml")]) == 1
     capsys.readouterr()
     assert main(["score", "five_mass", "-q"]) == 1
@@ -150,7 +193,20 @@ def test_tune_writes_a_controller(tmp_path, capsys):
     out = tmp_path / "mine.toml"
     assert main(["tune", "four_mass@1", "-q", "--evaluations", "5", "--out", str(out)]) == 0
     assert "evaluations" in capsys.readouterr().out and 'type = "cascade"' in out.read_text()
-    assert main(["tune", "four_mass@1", "-q", "--evaluations", "5", "--out", str(tmp_path / "mine.json")]) == 2
+    assert (
+        main(
+            [
+                "tune",
+                "four_mass@1",
+                "-q",
+                "--evaluations",
+                "5",
+                "--out",
+                str(tmp_path / "mine.json"),
+            ]
+        )
+        == 2
+    )
 
 
 @pytest.mark.parametrize(("report", "pages"), [(None, 0), ("page", 1)])
@@ -175,7 +231,8 @@ def test_a_score_writes_a_page_where_one_is_asked(tmp_path, capsys, monkeypatch,
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(0.2, "1 s"), (4.4, "4 s"), (99.0, "99 s"), (150.0, "2 min"), (7000, "117 min")]
+    ("seconds", "text"),
+    [(0.2, "1 s"), (4.4, "4 s"), (99.0, "99 s"), (150.0, "2 min"), (7000, "117 min")],
 )
 def test_durations_are_given_in_seconds_then_in_minutes(seconds, text):
     assert duration(seconds) == text

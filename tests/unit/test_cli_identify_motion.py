@@ -41,7 +41,9 @@ def rigid_recordings(folder: Path, phases: tuple[float, ...] = (0.0, 1.0)) -> li
         w = np.array([1.3, 2.1]) + 0.2 * k
         q = 0.8 * np.sin(w * t[:, None] + phase) + 0.3 * np.sin(2.7 * w * t[:, None])
         v = 0.8 * w * np.cos(w * t[:, None] + phase) + 0.3 * 2.7 * w * np.cos(2.7 * w * t[:, None])
-        a = -0.8 * w**2 * np.sin(w * t[:, None] + phase) - 0.3 * (2.7 * w) ** 2 * np.sin(2.7 * w * t[:, None])
+        a = -0.8 * w**2 * np.sin(w * t[:, None] + phase) - 0.3 * (2.7 * w) ** 2 * np.sin(
+            2.7 * w * t[:, None]
+        )
         arm = evaluate(equations.function("inverse_dynamics"), q, v, a)[0]
         inertia = np.array([motor.inertia for motor in model.motors])
         friction = 0.5 * np.tanh(v / 5e-4) + 0.01 * (v @ model.eta.T)
@@ -56,7 +58,9 @@ def rigid_recordings(folder: Path, phases: tuple[float, ...] = (0.0, 1.0)) -> li
                     f'[[{kind}]]\nmotor = "{motor.name}"\nname = "{name}"\nindex = {j}\nunit = "{unit}"\nside = "motor"'
                 )
         for j, joint in enumerate(("q1", "q2")):
-            rows.append(f'[[signal]]\nsensor = "on_{joint}"\nname = "link"\nindex = {j}\nunit = "rad"')
+            rows.append(
+                f'[[signal]]\nsensor = "on_{joint}"\nname = "link"\nindex = {j}\nunit = "rad"'
+            )
         rows.append(f'[[recording]]\nfile = "run{k}.npz"')
         out.append(folder / f"run{k}.toml")
         out[-1].write_text("\n".join(rows))
@@ -67,10 +71,23 @@ def test_rigid_bodies_from_the_command_line(tmp_path, capsys):
     first, second = rigid_recordings(tmp_path)
     new = tmp_path / "new.toml"
     robot = f"{tmp_path / 'robot.toml'}@rigid"
-    words = ["identify", robot, str(first), "--rigid", "--validate", str(second), "--out", str(new), "--json"]
+    words = [
+        "identify",
+        robot,
+        str(first),
+        "--rigid",
+        "--validate",
+        str(second),
+        "--out",
+        str(new),
+        "--json",
+    ]
     assert main(words) == 0
     found = json.loads(capsys.readouterr().out)
-    assert max(found["relative_errors"]["fitted"][0]) < 0.02 and max(found["relative_errors"]["validated"][0]) < 0.03
+    assert (
+        max(found["relative_errors"]["fitted"][0]) < 0.02
+        and max(found["relative_errors"]["validated"][0]) < 0.03
+    )
     assert found["status"] == "fitted"
     coulomb = next(row for row in found["parameters"] if row["name"] == "m1.coulomb")
     assert abs(coulomb["value"] - 0.5) < 5 * coulomb["sd"] < 0.1
@@ -91,7 +108,24 @@ def test_segments_from_the_command_line(tmp_path, capsys):
     (tmp_path / "robot.toml").write_text(text)
     plan, data, raw = (str(tmp_path / name) for name in ("plan.npz", "data.npz", "raw"))
     robot = str(tmp_path / "robot.toml")
-    assert main(["excite", robot, "--poses", "1", "--period-s", "1", "--f-max", "60", "--out", plan, "-q"]) == 0
+    assert (
+        main(
+            [
+                "excite",
+                robot,
+                "--poses",
+                "1",
+                "--period-s",
+                "1",
+                "--f-max",
+                "60",
+                "--out",
+                plan,
+                "-q",
+            ]
+        )
+        == 0
+    )
     truth = str(tmp_path / "truth.toml")
     exact = {p.name: 0.9 * p.value for p in select(model, ["stiffness"])}
     flexgen_text = text
@@ -102,36 +136,62 @@ def test_segments_from_the_command_line(tmp_path, capsys):
     capsys.readouterr()
     description = Path(raw) / "recordings.toml"
     new = tmp_path / "new.toml"
-    words = ["identify", robot, str(description), "--segments", "0.05", "--free", "stiffness,damping"]
+    words = [
+        "identify",
+        robot,
+        str(description),
+        "--segments",
+        "0.05",
+        "--free",
+        "stiffness,damping",
+    ]
     assert main([*words, "--out", str(new), "--validate", str(description), "--json", "-q"]) == 0
     found = json.loads(capsys.readouterr().out)
     values = {row["name"]: row["value"] for row in found["parameters"]}
     assert all(values[name] == pytest.approx(value, rel=2e-3) for name, value in exact.items())
     assert min(found["held_out_percent"]) > 99
-    assert select(flexgen.read(new), ["q1.stiffness"])[0].value == pytest.approx(exact["q1.stiffness"], rel=2e-3)
+    assert select(flexgen.read(new), ["q1.stiffness"])[0].value == pytest.approx(
+        exact["q1.stiffness"], rel=2e-3
+    )
 
 
 def test_numbers_that_a_variant_sets_are_not_written(tmp_path, capsys):
     """The new file would not have the identified values in this variant; nothing is written."""
     first = rigid_recordings(tmp_path, (0.0,))[0]
     text = (tmp_path / "robot.toml").read_text()
-    set_mass = (
-        '\n[variant.heavy.set]\n"element.upper.body.mass" = 70.0\n"element.upper.dof.q1.gear" = { type = "rigid" }\n'
-    )
+    set_mass = '\n[variant.heavy.set]\n"element.upper.body.mass" = 70.0\n"element.upper.dof.q1.gear" = { type = "rigid" }\n'
     set_mass += '"element.fore.dof.q2.gear" = { type = "rigid" }\n'
     (tmp_path / "robot.toml").write_text(text + "\n[variant.heavy]\n" + set_mass)
     new = tmp_path / "new.toml"
     robot = f"{tmp_path / 'robot.toml'}@heavy"
     assert main(["identify", robot, str(first), "--rigid", "--out", str(new), "-q"]) == 1
-    assert "a number that the variant 'heavy' sets to another one" in capsys.readouterr().err and not new.exists()
+    assert (
+        "a number that the variant 'heavy' sets to another one" in capsys.readouterr().err
+        and not new.exists()
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_sensors_and_transients_from_the_command_line(tmp_path, capsys):
-    (tmp_path / "robot.toml").write_text(Path(flexgen.read("planar5_nmp").file).read_text() + SENSOR)
-    robot, plan, data, frf = (str(tmp_path / name) for name in ("robot.toml", "plan.npz", "data.npz", "frf.npz"))
-    common = ["--poses", "2", "--f-max", "80", "--spectrum", "optimal", "--transients", "0", "--encoder-noise", "1e-5"]
+    (tmp_path / "robot.toml").write_text(
+        Path(flexgen.read("planar5_nmp").file).read_text() + SENSOR
+    )
+    robot, plan, data, frf = (
+        str(tmp_path / name) for name in ("robot.toml", "plan.npz", "data.npz", "frf.npz")
+    )
+    common = [
+        "--poses",
+        "2",
+        "--f-max",
+        "80",
+        "--spectrum",
+        "optimal",
+        "--transients",
+        "0",
+        "--encoder-noise",
+        "1e-5",
+    ]
     assert main(["excite", robot, *common, "--out", plan, "-q"]) == 0
     assert main(["measure", robot, plan, "--beside", "--out", data, "-q"]) == 0
     capsys.readouterr()
@@ -139,7 +199,10 @@ def test_sensors_and_transients_from_the_command_line(tmp_path, capsys):
     assert main(["frf", data, "--transients", "--out", frf, *report, "--json", "-q"]) == 0
     assert json.loads(capsys.readouterr().out)["outputs"] == ["m1", "m2", "acc.x"]
     assert (tmp_path / "page" / "index.html").exists()
-    assert main(["identify", robot, frf, "--starts", "1", "--report", str(tmp_path / "fit"), "-q"]) == 0
+    assert (
+        main(["identify", robot, frf, "--starts", "1", "--report", str(tmp_path / "fit"), "-q"])
+        == 0
+    )
     assert main(["frf", data, "--average", "h1", "--out", frf, "-q"]) == 0
 
 

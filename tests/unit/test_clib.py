@@ -24,7 +24,8 @@ from flexgen.position_servo.keys import GAINS, ServoTable
 
 CLIB = ROOT / "flexgen" / "clib"
 FILES = sorted(path.name for path in CLIB.iterdir() if path.suffix in (".c", ".h"))
-MACROS = {"kernel_functions.h", "precision_double.h", "precision_single.h", "function.h"}  # parts of other files
+# parts of other files
+MACROS = {"kernel_functions.h", "precision_double.h", "precision_single.h", "function.h"}
 OF_SERVOS = ("servo.h", "position_samples.c")
 PRIVATE_WORDS = re.compile(
     r"\b(twists?|twisted|fades?|fading|bends?|bent|told|tells?|uneven(ness)?|slopes?|felt|dear|calm|spoil(s|ed)?|drawn|"
@@ -36,7 +37,10 @@ PRIVATE_WORDS = re.compile(
 @cache
 def library(name: str, kind: str = "") -> Path:
     """The sources of a library, with what ``kind`` says: the fixed ones, renamed."""
-    folder, model = _folder() / f"{name}_clib_{kind}", hysteretic(name) if kind == "hysteresis" else read(name)
+    folder, model = (
+        _folder() / f"{name}_clib_{kind}",
+        hysteretic(name) if kind == "hysteresis" else read(name),
+    )
     if kind == "lugre":
         model = bristled(name, {"m1": {"coulomb": 0.5, "stiffness": 800.0}})
     if kind == "servo":
@@ -66,14 +70,34 @@ def test_every_file_compiles_on_its_own(name, kind):
         path = folder / "src" / f"{name}_{file}"
         if file in MACROS:
             continue
-        if not path.exists():  # of models with unactuated coordinates, six motors, gears with hysteresis, a servo
-            assert name == "elbow" or file in ("inverse_kinematics.c", "hysteresis.h", "lugre.h", *OF_SERVOS), file
+        # of models with unactuated coordinates, six motors, gears with hysteresis, a servo
+        if not path.exists():
+            assert name == "elbow" or file in (
+                "inverse_kinematics.c",
+                "hysteresis.h",
+                "lugre.h",
+                *OF_SERVOS,
+            ), file
             assert file != f"{kind}.h" and not (kind == "servo" and file in OF_SERVOS)
             continue
-        words = [CC, "-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c", f"-I{folder}"]
+        words = [
+            CC,
+            "-std=c99",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            "-fsyntax-only",
+            "-x",
+            "c",
+            f"-I{folder}",
+        ]
         text = f'#include "{path}"\n' if path.suffix == ".h" else path.read_text(encoding="ascii")
         done = subprocess.run(
-            [*words, "-I", folder / "src", "-"], input=text, capture_output=True, text=True, check=False
+            [*words, "-I", folder / "src", "-"],
+            input=text,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         if done.returncode:
             failed.append((file, done.stderr[:600]))
@@ -105,14 +129,19 @@ g
         ({"NE": 2, "POSE": 1}, "a b #if defined(X) c #else d #endif g"),
         ({"NE": 0, "POSE": 1}, "a e f g"),
         ({"NE": 0, "POSE": 0}, "a e g"),
-        ({"POSE": 0}, "a #if MODEL_NE > 0 b #if defined(X) c #else d #endif #else /* MODEL_NE */ e #endif g"),
+        (
+            {"POSE": 0},
+            "a #if MODEL_NE > 0 b #if defined(X) c #else d #endif #else /* MODEL_NE */ e #endif g",
+        ),
     ],
 )
 def test_conditions_are_decided_where_their_values_are_known(values, expected):
     assert " ".join(resolve(NESTED, values).split()) == expected
 
 
-@pytest.mark.parametrize(("text", "BYTES", "kept"), [("== 8", 8, True), ("== 8", 4, False), ("!= 8", 4, True)])
+@pytest.mark.parametrize(
+    ("text", "BYTES", "kept"), [("== 8", 8, True), ("== 8", 4, False), ("!= 8", 4, True)]
+)
 def test_conditions_compare(text, BYTES, kept):
     assert resolve(f"#if BYTES {text}\na\n#endif\n", {"BYTES": BYTES}) == "a\n" * kept
 
@@ -125,7 +154,15 @@ def test_sources_have_no_condition_that_the_model_decides(name):
 
 @needs_compiler
 def test_a_solver_is_left_out_where_a_macro_says_so(tmp_path):
-    command = [CC, "-std=c99", "-c", "-O0", library("elbow") / "src" / "elbow_inversion.c", "-o", "inversion.o"]
+    command = [
+        CC,
+        "-std=c99",
+        "-c",
+        "-O0",
+        library("elbow") / "src" / "elbow_inversion.c",
+        "-o",
+        "inversion.o",
+    ]
     run(*command, "-DELBOW_WITHOUT_INVERT", folder=tmp_path)
     symbols = set(run(tool("nm"), "-g", "--defined-only", "inversion.o", folder=tmp_path).split())
     assert "elbow_stream_update" in symbols and "elbow_invert" not in symbols
@@ -139,10 +176,14 @@ def test_the_readme_names_every_file():
 
 @pytest.mark.parametrize("file", FILES)
 def test_comments_are_plain(file):
-    comments = " ".join(re.findall(r"/\*.*?\*/", (CLIB / file).read_text(encoding="ascii"), re.DOTALL))
+    comments = " ".join(
+        re.findall(r"/\*.*?\*/", (CLIB / file).read_text(encoding="ascii"), re.DOTALL)
+    )
     found = sorted({match[0].lower() for match in PRIVATE_WORDS.finditer(comments)})
     assert not found
 
 
 def test_a_private_word_would_be_found():
-    assert PRIVATE_WORDS.search("how a gear twists") and not PRIVATE_WORDS.search("deflection of a gear")
+    assert PRIVATE_WORDS.search("how a gear twists") and not PRIVATE_WORDS.search(
+        "deflection of a gear"
+    )

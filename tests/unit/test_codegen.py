@@ -44,7 +44,9 @@ ROUNDING, ROUNDING_TIMES_CONDITION = 1e-11, 1e-9
 LARGE = {"manutec_r3_24", "manutec_r3_30", "kr300_efjm", "manutec_r3_efjm"}
 FULL = LARGE - {"manutec_r3_24"}
 NAMES = [
-    name if name in SMALL else pytest.param(name, marks=pytest.mark.full if name in FULL else pytest.mark.slow)
+    name
+    if name in SMALL
+    else pytest.param(name, marks=pytest.mark.full if name in FULL else pytest.mark.slow)
     for name in model_names()
 ]
 
@@ -61,7 +63,9 @@ def test_c_agrees_with_lagranges_equations(name):
         inputs = [states[port.name] for port in function.inputs]
         given = function(*inputs)
         expected = _expected(equations, function.name, inputs)
-        for port, c, vm in zip(function.outputs, given if isinstance(given, tuple) else [given], expected, strict=True):
+        for port, c, vm in zip(
+            function.outputs, given if isinstance(given, tuple) else [given], expected, strict=True
+        ):
             c, weight = c.reshape(vm.shape), None
             if port.name in ("a_a", "da_dq", "da_dv", "da_dtau"):
                 weight = M[:, :n, :n]
@@ -74,7 +78,10 @@ def test_c_agrees_with_lagranges_equations(name):
                 size, error = np.abs(weight) @ size, np.abs(weight @ (c - vm))
             scale = size.max(axis=(1, 2)) + size.max() * 1e-3
             error = error.max(axis=(1, 2)) / np.where(scale > 0, scale, 1.0)
-            conditioned = port.name == "a_m" or function.name in ("arm_forward_derivatives", "linearize")
+            conditioned = port.name == "a_m" or function.name in (
+                "arm_forward_derivatives",
+                "linearize",
+            )
             tolerance = ROUNDING_TIMES_CONDITION if conditioned else ROUNDING
             assert error.max() < tolerance, f"{function.name}, {port.name}"
 
@@ -139,7 +146,8 @@ def test_sources_are_strict_c99_and_pure(name, level, tmp_path):
             assert word not in text, (path.name, word)
         assert str(ROOT) not in text
         assert path.suffix != ".h" or max(map(len, text.splitlines())) <= 120
-    assert not re.search(r" [bBdDC] ", run("nm", static_library(folder), folder=tmp_path))  # no writable static data
+    # no writable static data
+    assert not re.search(r" [bBdDC] ", run("nm", static_library(folder), folder=tmp_path))
 
 
 def test_the_sources_are_few_and_short():
@@ -167,7 +175,9 @@ NOTCH, LOW_PASS = "notch = [{ frequency_hz = 60.0 }]\n", "low_pass = [{ frequenc
         (["limits", "force", "position"], "single", ["payload", "damping"], LOW_PASS),
     ],
 )
-def test_libraries_with_optional_parts_compile_without_a_warning(parts, precision, parameters, filters, tmp_path):
+def test_libraries_with_optional_parts_compile_without_a_warning(
+    parts, precision, parameters, filters, tmp_path
+):
     file = tmp_path / "robot.toml"
     file.write_text(Path(read("planar5_nmp").file).read_text() + SERVO + filters)
     options = {"parts": parts, "precision": precision, "parameters": parameters, "build": False}
@@ -181,10 +191,16 @@ def test_only_the_headers_symbols_are_exported():
     folder = made("planar5_nmp").directory
     library = next(path for path in folder.iterdir() if path.suffix in (".so", ".dylib"))
     listed = run("nm", "-D", "--defined-only", library, folder=folder)
-    exported = {line.split()[-1] for line in listed.splitlines() if " T " in line or " D " in line or " B " in line}
+    exported = {
+        line.split()[-1]
+        for line in listed.splitlines()
+        if " T " in line or " D " in line or " B " in line
+    }
     assert exported == set(symbols(library_spec(derive("planar5_nmp"))))
     header = (folder / "planar5_nmp.h").read_text()
-    header += "".join((folder / f"planar5_nmp_{name}.h").read_text() for name in ("batch", "inversion"))
+    header += "".join(
+        (folder / f"planar5_nmp_{name}.h").read_text() for name in ("batch", "inversion")
+    )
     assert all(f"{symbol}(" in header for symbol in exported)
 
 
@@ -204,15 +220,22 @@ def test_the_header_is_a_manual():
 
 
 def test_the_header_has_the_coupled_ratios():
-    model = read("manutec_r3", overrides={"motor.m6.drives": ["q5", "q6"], "motor.m6.ratio": [0.5, -99]})
+    model = read(
+        "manutec_r3", overrides={"motor.m6.drives": ["q5", "q6"], "motor.m6.ratio": [0.5, -99]}
+    )
     spec = library_spec(derive(model), ["gravity"])
-    assert spec.gears[5] == (("q5", 0.5), ("q6", -99.0)) and spec.rotor_inertias[5] == model.motors[5].inertia
+    assert (
+        spec.gears[5] == (("q5", 0.5), ("q6", -99.0))
+        and spec.rotor_inertias[5] == model.motors[5].inertia
+    )
     assert " *   m6: eta 0.5 (q5), -99.0 (q6); J_m 4.3e-05 kg m^2\n" in emit(spec)["manutec_r3.h"]
 
 
 @pytest.mark.slow
 def test_prototypes_break_between_arguments_only():
-    for line in "\n".join(emit(library_spec(derive("manutec_r3_efjm"), ["forward_dynamics"])).values()).splitlines():
+    for line in "\n".join(
+        emit(library_spec(derive("manutec_r3_efjm"), ["forward_dynamics"])).values()
+    ).splitlines():
         assert not line.endswith("double") and not line.strip().startswith("*work"), line
 
 
@@ -230,7 +253,8 @@ def test_units_follow_the_coordinates():
     assert units["a_a"].unit == "rad/s^2"
     model = read("elbow")
     element = dataclasses.replace(
-        model.elements[-1], dofs=(dataclasses.replace(model.elements[-1].dofs[0], type="translation"),)
+        model.elements[-1],
+        dofs=(dataclasses.replace(model.elements[-1].dofs[0], type="translation"),),
     )
     mixed = dataclasses.replace(model, elements=(*model.elements[:-1], element))
     f = library_spec(derive(mixed), ["mass_matrix", "gravity"]).functions
@@ -262,7 +286,17 @@ def test_cpp_and_two_models_in_one_program(tmp_path):
     includes = [f"-I{folder}" for folder in folders]
     files = [path for folder in folders for path in sources(folder)]
     run(CC, *STRICT, "-O0", "-c", *files, folder=tmp_path)
-    run(cpp, "-Wall", "-Wextra", "-Wpedantic", "-Werror", *includes, "-c", "two.cpp", folder=tmp_path)
+    run(
+        cpp,
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Werror",
+        *includes,
+        "-c",
+        "two.cpp",
+        folder=tmp_path,
+    )
     run(cpp, *sorted(tmp_path.glob("*.o")), "-lm", "-o", "two", folder=tmp_path)
     printed = [float(line) for line in run(tmp_path / "two", folder=tmp_path).split()]
     for folder, M11 in zip(folders, printed, strict=True):
@@ -273,7 +307,16 @@ def test_cpp_and_two_models_in_one_program(tmp_path):
 # --- clients ----------------------------------------------------------------------------------------------------------
 def test_the_example_prints_plausible_numbers(tmp_path):
     folder = made("planar5_nmp").directory
-    run(CC, *STRICT, folder / "example.c", static_library(folder), "-lm", "-o", tmp_path / "example", folder=tmp_path)
+    run(
+        CC,
+        *STRICT,
+        folder / "example.c",
+        static_library(folder),
+        "-lm",
+        "-o",
+        tmp_path / "example",
+        folder=tmp_path,
+    )
     printed = run(tmp_path / "example", folder=tmp_path)
     assert [line.split(":")[0] for line in printed.splitlines() if line.endswith(": success")] == [
         *offered_functions(read("planar5_nmp")),
@@ -295,7 +338,10 @@ def test_a_controller_in_c_links_the_library(tmp_path):
     controller = ROOT / "examples" / "controller.c"
     words = [controller, static_library(folder), "-lm", "-o", tmp_path / "controller"]
     run(CC, *STRICT, f"-I{folder}", *words, folder=tmp_path)
-    alone, fed = [float(line.split()[-2]) for line in run(tmp_path / "controller", folder=tmp_path).splitlines()]
+    alone, fed = [
+        float(line.split()[-2])
+        for line in run(tmp_path / "controller", folder=tmp_path).splitlines()
+    ]
     assert 5.0 < alone < 50.0  # mm
     assert 0.0 < fed < alone / 5.0
 
@@ -309,14 +355,25 @@ def test_the_library_agrees_with_the_model_in_c_only(tmp_path):
         "int main(void)\n{\n    double q[ELBOW_NA] = {0}, g[ELBOW_NA];\n"
         '    printf("%d %d %s\\n", elbow_gravity(q, g), elbow_n_a(), elbow_digest());\n    return 0;\n}\n'
     )
-    run(CC, *STRICT, f"-I{folder}", "client.c", library, f"-Wl,-rpath,{folder}", "-o", "client", folder=tmp_path)
+    run(
+        CC,
+        *STRICT,
+        f"-I{folder}",
+        "client.c",
+        library,
+        f"-Wl,-rpath,{folder}",
+        "-o",
+        "client",
+        folder=tmp_path,
+    )
     status, n_a, digest = run(tmp_path / "client", folder=tmp_path).split()
     assert (status, n_a, digest) == ("0", "2", load(folder).digest)
 
 
 # --- names and operations ---------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
-    "name", ["int", "sin", "a b", "x; system()", "*/", "two__scores", "9q", "", "a" * 32, "q\n", "ä"]
+    "name",
+    ["int", "sin", "a b", "x; system()", "*/", "two__scores", "9q", "", "a" * 32, "q\n", "ä"],
 )
 def test_names_unfit_for_c_are_refused(name):
     equations = derive("elbow")
@@ -329,8 +386,11 @@ def test_names_unfit_for_c_are_refused(name):
     renamed.model = unchecked(model, name=name)
     with pytest.raises(BuildError, match="expected a"):
         library_spec(renamed)
-    renamed.model = unchecked(model, motors=(unchecked(model.motors[0], name=name), *model.motors[1:]))
-    reserved = name in ("int", "sin")  # fine names of motors and coordinates: they are not identifiers in C
+    renamed.model = unchecked(
+        model, motors=(unchecked(model.motors[0], name=name), *model.motors[1:])
+    )
+    # fine names of motors and coordinates: they are not identifiers in C
+    reserved = name in ("int", "sin")
     spec = library_spec(equations, ["gravity"])
     if reserved:
         emit(dataclasses.replace(spec, coordinates=(name, "q2"), motors=(name, "m2")))
@@ -352,7 +412,9 @@ def test_text_cannot_leave_a_comment(tmp_path):
     f = spec.functions[0]
     port = dataclasses.replace(f.outputs[0], doc=evil, unit=evil)
     files = emit(
-        dataclasses.replace(spec, functions=(dataclasses.replace(f, summary=evil, equation=evil, outputs=(port,)),))
+        dataclasses.replace(
+            spec, functions=(dataclasses.replace(f, summary=evil, equation=evil, outputs=(port,)),)
+        )
     )
     for name, text in files.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -382,9 +444,15 @@ IN, OUT = (Port("x", (2,), "1", ""),), (Port("y", (2,), "1", ""),)
 @pytest.mark.parametrize(
     ("function", "told"),
     [
-        (ca.Function("f", [X], [X * Y[0]], ["x"], ["y"], {"allow_free": True}), "given free variables"),
+        (
+            ca.Function("f", [X], [X * Y[0]], ["x"], ["y"], {"allow_free": True}),
+            "given free variables",
+        ),
         (ca.Function("f", [X], [X], ["z"], ["y"]), "given inputs z, expected x"),
-        (ca.Function("f", [Y], [Y], ["x"], ["y"]), r"f, x: given a dense \(3, 1\) array, expected dense \(2, 1\)"),
+        (
+            ca.Function("f", [Y], [Y], ["x"], ["y"]),
+            r"f, x: given a dense \(3, 1\) array, expected dense \(2, 1\)",
+        ),
         (ca.Function("f", [X], [ca.SX(2, 1)], ["x"], ["y"]), r"f, y: given a sparse"),
     ],
 )
@@ -395,9 +463,13 @@ def test_functions_that_contradict_their_ports_are_refused(function, told):
 
 def test_matrix_graphs_are_expanded_or_refused():
     x = ca.MX.sym("x", 2)
-    assert check_ports("f", ca.Function("f", [x], [2 * x], ["x"], ["y"]), IN, OUT).is_a("SXFunction")
+    assert check_ports("f", ca.Function("f", [x], [2 * x], ["x"], ["y"]), IN, OUT).is_a(
+        "SXFunction"
+    )
     convex = ca.convexify(ca.mtimes(x, x.T))[:, 0]
-    with pytest.raises(BuildError, match="cannot be written as scalar operations, expected an SX function"):
+    with pytest.raises(
+        BuildError, match="cannot be written as scalar operations, expected an SX function"
+    ):
         check_ports("f", ca.Function("f", [x], [convex], ["x"], ["y"]), IN, OUT)
 
 

@@ -24,7 +24,10 @@ DERIVATIVES = ("inverse_dynamics_derivatives", "arm_forward_derivatives", "linea
 def hollow(n: int, seed: int) -> RobotModel:
     """A chain where two joints of three move nothing but what follows, sliding ones among them."""
     model = dense_chain(n, seed, sliding=True)
-    bodies = [element if k % 3 == 2 else replace(element, body=Body()) for k, element in enumerate(model.elements)]
+    bodies = [
+        element if k % 3 == 2 else replace(element, body=Body())
+        for k, element in enumerate(model.elements)
+    ]
     return replace(model, elements=tuple(bodies))
 
 
@@ -33,7 +36,11 @@ def elastic(n: int, seed: int) -> RobotModel:
     model = dense_chain(n, seed)
     elements = []
     for k, element in enumerate(model.elements):
-        gear = Gear(rigid=True) if k % 6 == 1 else Gear(rigid=False, spring=LinearSpring(1e4), damping=3.0)
+        gear = (
+            Gear(rigid=True)
+            if k % 6 == 1
+            else Gear(rigid=False, spring=LinearSpring(1e4), damping=3.0)
+        )
         elements.append(replace(element, dofs=(replace(element.dofs[0], gear=gear),)))
     motors = tuple(replace(motor, ratio=(20.0,)) for motor in model.motors)
     return replace(model, elements=tuple(elements), motors=motors)
@@ -55,7 +62,9 @@ def in_loops(program: Routine) -> bool:
     return any(isinstance(step, Columns) for step in program.steps)
 
 
-@pytest.mark.parametrize("robot", [*(pytest.param(x, marks=pytest.mark.slow) for x in ("dense", "sliding")), "hollow"])
+@pytest.mark.parametrize(
+    "robot", [*(pytest.param(x, marks=pytest.mark.slow) for x in ("dense", "sliding")), "hollow"]
+)
 def test_derivatives_and_mass_matrix_are_the_lagrangians(robot):
     equations = derive(ROBOTS[robot]())
     rng = np.random.default_rng(1)
@@ -81,9 +90,13 @@ def test_derivatives_of_accelerations(robot):
     given = arguments(some_states(equations.model, 1)[0], np.random.default_rng(2))
     found = evaluate_routine(program, given)
     (a_a,) = values(recursive_function(equations, "arm_forward_dynamics"), given)
-    by_q, by_v, M = values(recursive_function(equations, "inverse_dynamics_derivatives"), {**given, "a_a": a_a.ravel()})
+    by_q, by_v, M = values(
+        recursive_function(equations, "inverse_dynamics_derivatives"), {**given, "a_a": a_a.ravel()}
+    )
     for name, expected in (("da_dq", -by_q), ("da_dv", -by_v), ("da_dtau", np.eye(len(M)))):
-        assert largest(M @ found[name] - expected) <= 1e-12 * largest(np.abs(M) @ np.abs(found[name]))
+        assert largest(M @ found[name] - expected) <= 1e-12 * largest(
+            np.abs(M) @ np.abs(found[name])
+        )
 
 
 @pytest.mark.slow
@@ -95,7 +108,9 @@ def test_linearization_of_the_whole_robot():
     found = evaluate_routine(program, given)
     expected = dict(zip(("A", "B"), values(equations.function("linearize"), given), strict=True))
     n = equations.model.dof
-    M, _ = values(equations.function("residual_jacobians"), {**given, **accelerations(equations, given)})
+    M, _ = values(
+        equations.function("residual_jacobians"), {**given, **accelerations(equations, given)}
+    )
     for name, x in expected.items():
         assert np.array_equal(found[name][:n], x[:n])
         assert largest(M @ (found[name] - x)[n:]) <= 1e-12 * largest(np.abs(M) @ np.abs(x[n:]))
@@ -117,11 +132,17 @@ def test_short_arms_and_changing_payloads_are_not_in_loops():
 
 def test_arms_with_massless_bodies_or_parallel_axes_are_not_in_loops():
     """Where there is nothing to add up, and where one expression for each entry is short."""
-    empty = replace(dense_chain(12, 2), elements=tuple(replace(x, body=Body()) for x in dense_chain(12, 2).elements))
+    empty = replace(
+        dense_chain(12, 2),
+        elements=tuple(replace(x, body=Body()) for x in dense_chain(12, 2).elements),
+    )
     assert long_chain(derive(empty)) is None
     elements = [
         replace(
-            x, origin=Placement((0.3, 0.0, 0.0)), link=Placement(), dofs=(replace(x.dofs[0], axis=(0.0, 0.0, 1.0)),)
+            x,
+            origin=Placement((0.3, 0.0, 0.0)),
+            link=Placement(),
+            dofs=(replace(x.dofs[0], axis=(0.0, 0.0, 1.0)),),
         )
         for x in dense_chain(12, 2).elements
     ]
@@ -146,7 +167,11 @@ def lost_body(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "bug", [no_linear_rate, *(pytest.param(x, marks=pytest.mark.slow) for x in (transposed_moment, lost_body))]
+    "bug",
+    [
+        no_linear_rate,
+        *(pytest.param(x, marks=pytest.mark.slow) for x in (transposed_moment, lost_body)),
+    ],
 )
 @pytest.mark.slow
 def test_robots_that_fail_before_use_are_not_in_loops(bug, monkeypatch):
@@ -161,7 +186,10 @@ def test_earlier_requests_do_not_change_the_functions():
     """The route to accelerations is chosen once: the text does not depend on the order of the functions."""
     model = elastic(5, 6)
     texts = []
-    for names in (["forward_dynamics", "arm_forward_dynamics"], ["arm_forward_dynamics", "forward_dynamics"]):
+    for names in (
+        ["forward_dynamics", "arm_forward_dynamics"],
+        ["arm_forward_dynamics", "forward_dynamics"],
+    ):
         equations = derive(model)
         programs = {name: program_of(equations, name).steps[0].function for name in names}
         texts.append({name: str(f.instructions_sx()) for name, f in programs.items()})

@@ -63,10 +63,24 @@ def made(n: int) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
         Factor("A", "row", "a", n, (0,) * n),
         Zeros("R", n, 2 * n + 1),
         Products((S, W), (G, U), n, "R", first=n),
-        Expressions(function("shares", {"r": r}, {"R": ca.horzcat(ca.SX(n, 2 * n), r)}), added=True),
+        Expressions(
+            function("shares", {"r": r}, {"R": ca.horzcat(ca.SX(n, 2 * n), r)}), added=True
+        ),
         Columns(function("third", {"a": row, "S": x}, {"scaled": row * x}), n),
-        Products((Rows("scaled", 1, 2), Rows("S", 1, 2)), (Rows("S", 1, 2), Rows("scaled", 1, 2)), n, "B"),
-        Solve("A", "R", n, 2 * n + 1, True, (0,) * n, (Block("X", 0, n, n + 1), Block("Y", 0, 2 * n + 1, n)), (), True),
+        Products(
+            (Rows("scaled", 1, 2), Rows("S", 1, 2)), (Rows("S", 1, 2), Rows("scaled", 1, 2)), n, "B"
+        ),
+        Solve(
+            "A",
+            "R",
+            n,
+            2 * n + 1,
+            True,
+            (0,) * n,
+            (Block("X", 0, n, n + 1), Block("Y", 0, 2 * n + 1, n)),
+            (),
+            True,
+        ),
     )
     outputs = [Port(name, (n, n), "1", "") for name in ("M", "D", "B")]
     outputs += [Port("X", (n, n + 1), "1", ""), Port("Y", (n, n), "1", "")]
@@ -90,7 +104,9 @@ def test_every_step_is_that_of_numpy(n, flags, tmp_path):
         for port, x, y in zip(outputs, one, many, strict=True):
             assert np.array_equal(x, y[k])
             given = x.reshape(port.shape, order="F")
-            assert np.allclose(given, expected[port.name], rtol=0, atol=1e-12 * np.abs(expected[port.name]).max())
+            assert np.allclose(
+                given, expected[port.name], rtol=0, atol=1e-12 * np.abs(expected[port.name]).max()
+            )
     for bad in (np.nan, np.inf):
         spoilt = r[0].copy()
         spoilt[n - 1] = bad
@@ -108,7 +124,9 @@ def test_vectors_of_every_width_give_the_same_bits(n, tmp_path):
     for k, flags in enumerate(WIDTHS):
         folder = tmp_path / str(k)
         folder.mkdir()
-        status, results = Small(spec_of(program, inputs, outputs), folder, flags=(*OPTIONS, *flags)).point(*given)
+        status, results = Small(
+            spec_of(program, inputs, outputs), folder, flags=(*OPTIONS, *flags)
+        ).point(*given)
         assert status == 0
         found.append(results)
     for others in found[1:]:
@@ -131,7 +149,9 @@ def test_single_precision(flags, tmp_path):
     for port, x, y in zip(outputs, one, many, strict=True):
         assert np.array_equal(x, y[0])
         given = x.reshape(port.shape, order="F")
-        assert np.allclose(given, expected[port.name], rtol=0, atol=1e-4 * np.abs(expected[port.name]).max())
+        assert np.allclose(
+            given, expected[port.name], rtol=0, atol=1e-4 * np.abs(expected[port.name]).max()
+        )
 
 
 @needs_compiler
@@ -144,7 +164,9 @@ def test_a_singular_matrix_of_a_factor_has_an_error_status(tmp_path):
     given = rng.normal(size=(3, 9)), rng.normal(size=9)
     assert library.point(*given)[0] == 0
     steps = tuple(
-        step for step in program.steps if not (isinstance(step, Expressions) and step.function.name() == "rotors")
+        step
+        for step in program.steps
+        if not (isinstance(step, Expressions) and step.function.name() == "rotors")
     )
     (tmp_path / "other").mkdir()
     singular = Small(spec_of(replace(program, steps=steps), inputs, outputs), tmp_path / "other")

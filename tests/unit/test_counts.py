@@ -23,7 +23,9 @@ HUGE = [10**9, 10**400, 10**5000, -1, 1.5, True, float("nan"), "5", None, b"1"]
 
 @pytest.mark.parametrize("value", HUGE, ids=range(len(HUGE)))
 def test_a_count_out_of_range_is_refused_with_a_short_message(value):
-    with pytest.raises(ArgumentError, match=r"\An: given .*, expected a whole number from 1 to 100\Z") as caught:
+    with pytest.raises(
+        ArgumentError, match=r"\An: given .*, expected a whole number from 1 to 100\Z"
+    ) as caught:
         count_of("n", value, 100)
     assert len(str(caught.value)) < 200
     assert count_of("n", 100, 100) == 100 and count_of("n", 0, 100, 0) == 0
@@ -31,7 +33,9 @@ def test_a_count_out_of_range_is_refused_with_a_short_message(value):
 
 @pytest.mark.parametrize("value", [1e9, 0, -1.0, 10**400, float("inf"), "1", None, True])
 def test_a_time_out_of_range_is_refused_with_a_short_message(value):
-    with pytest.raises(ArgumentError, match=r"\At: given .*, expected a number above 0, at most 86400 s\Z"):
+    with pytest.raises(
+        ArgumentError, match=r"\At: given .*, expected a number above 0, at most 86400 s\Z"
+    ):
         seconds_of("t", value)
     assert seconds_of("t", 86400) == 86400.0
 
@@ -51,14 +55,18 @@ CALLS = {
 def test_a_call_with_too_many_ends_at_once(call, value):
     function, most = CALLS[call]
     began = perf_counter()
-    with pytest.raises(ArgumentError, match=rf"given .*, expected a whole number from \d to {most}"):
+    with pytest.raises(
+        ArgumentError, match=rf"given .*, expected a whole number from \d to {most}"
+    ):
         function(value)
     assert perf_counter() - began < 5.0
 
 
 @pytest.mark.parametrize("period", [1e9, 1e300, 10**400, -4.0, float("nan")])
 def test_a_period_of_an_excitation_beyond_ten_million_samples_is_refused(period):
-    with pytest.raises(ArgumentError, match=r"period_s: given .*, expected a number above 0, at most 5000 s"):
+    with pytest.raises(
+        ArgumentError, match=r"period_s: given .*, expected a number above 0, at most 5000 s"
+    ):
         excite("elbow", period_s=period)
 
 
@@ -69,7 +77,9 @@ def plan():
 
 @pytest.mark.parametrize("steps", [-1, 0, 10**9, 10**400, 2.5])
 def test_steps_of_a_measurement_out_of_range_are_refused(steps, plan):
-    with pytest.raises(ArgumentError, match=r"steps: given .*, expected a whole number from 1 to 1000"):
+    with pytest.raises(
+        ArgumentError, match=r"steps: given .*, expected a whole number from 1 to 1000"
+    ):
         measure(plan, steps=steps, progress=False)
 
 
@@ -79,7 +89,9 @@ def test_starts_of_a_fit_out_of_range_are_refused():
     class Data:
         motors = tuple(motor.name for motor in robot.motors)
 
-    with pytest.raises(ArgumentError, match=f"starts: given 1000000000, expected a whole number from 1 to {STARTS}"):
+    with pytest.raises(
+        ArgumentError, match=f"starts: given 1000000000, expected a whole number from 1 to {STARTS}"
+    ):
         graybox._check(robot, Data(), "nls", None, 10**9, 2.0)  # type: ignore[arg-type]
 
 
@@ -88,9 +100,12 @@ def test_starts_of_a_fit_out_of_range_are_refused():
 def test_the_search_for_the_fastest_motion_ends_at_its_time_limit():
     began = perf_counter()
     with pytest.raises(
-        SolverError, match=r"fastest: the time limit of 0.5 s is over .*time_limit= \(--time-limit SECONDS\)"
+        SolverError,
+        match=r"fastest: the time limit of 0.5 s is over .*time_limit= \(--time-limit SECONDS\)",
     ):
-        flexgen.fastest("planar5_nmp", vibration=1e-9, coefficients=60, time_limit=0.5, progress=False)
+        flexgen.fastest(
+            "planar5_nmp", vibration=1e-9, coefficients=60, time_limit=0.5, progress=False
+        )
     assert perf_counter() - began < 30.0
     with pytest.raises(ArgumentError, match="time_limit: given -1, expected a time >= 0"):
         flexgen.fastest("planar5_nmp", time_limit=-1)

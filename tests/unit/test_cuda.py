@@ -25,7 +25,11 @@ N = 150  # points: more than a block of threads
 def gpu(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeDriver]:
     fake = FakeDriver()
     monkeypatch.setattr(driver, "bindings", lambda: fake)
-    monkeypatch.setattr(compiler, "nvrtc", lambda: type("Fake", (), {"nvrtcVersion": staticmethod(lambda: (0, 0, 0))}))
+    monkeypatch.setattr(
+        compiler,
+        "nvrtc",
+        lambda: type("Fake", (), {"nvrtcVersion": staticmethod(lambda: (0, 0, 0))}),
+    )
     monkeypatch.setattr(compiler, "compile_text", compile_on_cpu)
     yield fake
     assert fake.contexts == []  # every context that was made current is no longer
@@ -40,13 +44,17 @@ def inputs(function, n: int = N) -> list[np.ndarray]:
     return [np.asfortranarray(random.normal(size=(n, *port.shape))) for port in function.inputs]
 
 
-@pytest.mark.parametrize("name", [pytest.param("inverse_dynamics", marks=pytest.mark.slow), "forward_kinematics"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("inverse_dynamics", marks=pytest.mark.slow), "forward_kinematics"]
+)
 def test_function_has_the_bits_of_the_library(gpu, name):
     library, on_card = robot("cpu"), robot()
     given = inputs(library.functions[name])
     expected = library.functions[name](*given)
     found = on_card.functions[name](*map(on_card.array, given))
-    for x, y in zip(*((z if isinstance(z, tuple) else (z,)) for z in (found, expected)), strict=True):
+    for x, y in zip(
+        *((z if isinstance(z, tuple) else (z,)) for z in (found, expected)), strict=True
+    ):
         np.testing.assert_array_equal(x.numpy(), y)
     assert type(found).__name__ in ("DeviceArray", name)
 
@@ -74,8 +82,11 @@ def test_arrays_of_other_packages_are_read_where_they_are(gpu):
     out = on_card.array(np.zeros((N, 2)))
     assert on_card.gravity(q, out=out) is out
     np.testing.assert_array_equal(out.numpy(), expected)
-    rows = on_card.array(q.numpy().T.copy(order="F")).T  # (2, N) in the order of Fortran, then (N, 2) in that of C
-    with pytest.raises(ArgumentError, match=r"gravity, q_a: given strides \(16, 8\) of bytes, expected \(8, 1200\)"):
+    # (2, N) in the order of Fortran, then (N, 2) in that of C
+    rows = on_card.array(q.numpy().T.copy(order="F")).T
+    with pytest.raises(
+        ArgumentError, match=r"gravity, q_a: given strides \(16, 8\) of bytes, expected \(8, 1200\)"
+    ):
         on_card.gravity(rows)
     in_c = on_card.transpose(Foreign(q.T))  # as JAX has it: (2, N) in the order of C
     assert in_c.shape == (N, 2)
@@ -89,12 +100,15 @@ def test_results_wait_for_the_stream_of_the_caller(gpu):
     later = on_card.gravity(q, stream=stream, check=False)
     assert gpu.launched[-1] == (0, stream.ptr)
     assert len(gpu.streams[stream.ptr]) > 1  # not done yet
-    twice = on_card.gravity(later, stream=other, check=False)  # the other stream waits for the first
+    # the other stream waits for the first
+    twice = on_card.gravity(later, stream=other, check=False)
     np.testing.assert_array_equal(twice.numpy(), on_card.gravity(on_card.array(expected)).numpy())
     np.testing.assert_array_equal(later.numpy(), expected)
     with pytest.raises(BuildError, match=r"cuda:0: given an error of the driver .*invalid handle"):
         on_card.gravity(q, stream=0x77)
-    with pytest.raises(ArgumentError, match="gravity, stream: given 'mine', expected a stream of CuPy"):
+    with pytest.raises(
+        ArgumentError, match="gravity, stream: given 'mine', expected a stream of CuPy"
+    ):
         on_card.gravity(q, stream="mine")
 
 
@@ -127,9 +141,15 @@ def test_a_point_that_fails_is_named_and_nan(gpu):
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        (lambda r: np.zeros((N, 2)), r"gravity, q_a: given ndarray on the CPU, expected an array on cuda:0"),
+        (
+            lambda r: np.zeros((N, 2)),
+            r"gravity, q_a: given ndarray on the CPU, expected an array on cuda:0",
+        ),
         (lambda r: "text", r"gravity, q_a: given str, expected an array with __dlpack__"),
-        (lambda r: r.array(np.zeros((N, 3))), r"gravity, q_a: given shape \(150, 3\), expected \(N, 2\)"),
+        (
+            lambda r: r.array(np.zeros((N, 3))),
+            r"gravity, q_a: given shape \(150, 3\), expected \(N, 2\)",
+        ),
         (lambda r: r.array(np.zeros(2)), r"gravity, q_a: given shape \(2,\), expected \(N, 2\)"),
         (
             lambda r: robot("cuda:1").array(np.zeros((N, 2))),
@@ -154,7 +174,9 @@ def test_an_array_that_does_not_fit_is_refused(gpu, given, sentence):
 def test_inputs_of_different_length_and_shared_results_are_refused(gpu):
     on_card = robot()
     q = on_card.array(np.zeros((N, 2)))
-    with pytest.raises(ArgumentError, match=r"bias, v_a: given shape \(3, 2\), expected \(150, 2\)"):
+    with pytest.raises(
+        ArgumentError, match=r"bias, v_a: given shape \(3, 2\), expected \(150, 2\)"
+    ):
         on_card.bias(q, on_card.array(np.zeros((3, 2))))
     with pytest.raises(ArgumentError, match="gravity, out, g: given memory of another array"):
         on_card.gravity(q, out=q)
@@ -167,24 +189,32 @@ def test_a_card_that_cannot_is_refused(gpu, monkeypatch):
     on_card = robot()
     q = on_card.array(np.zeros((N, 2)))
     gpu.free[0] = 100
-    with pytest.raises(SolverError, match=r"cuda:0: given more than its memory holds .*expected a smaller call"):
+    with pytest.raises(
+        SolverError, match=r"cuda:0: given more than its memory holds .*expected a smaller call"
+    ):
         on_card.gravity(q)
     gpu.capability = (6, 1)
     with pytest.raises(BuildError, match=r"of compute capability 6\.1, expected 7\.5 or newer"):
         robot()
-    with pytest.raises(BuildError, match="given 'cuda:2' on a computer with GPU 0 to 1, expected one that is there"):
+    with pytest.raises(
+        BuildError, match="given 'cuda:2' on a computer with GPU 0 to 1, expected one that is there"
+    ):
         robot("cuda:2")
     gpu.cards = 0
     with pytest.raises(BuildError, match="given 'cuda:0' on a computer with no GPU"):
         robot()
-    with pytest.raises(ArgumentError, match="device: given 'tpu', expected 'cpu', 'cuda', or 'cuda:1'"):
+    with pytest.raises(
+        ArgumentError, match="device: given 'tpu', expected 'cpu', 'cuda', or 'cuda:1'"
+    ):
         robot("tpu")
 
     def missing(flags: int):
         raise RuntimeError("libcuda.so.1 is not there")
 
     monkeypatch.setattr(gpu, "cuInit", missing)
-    with pytest.raises(BuildError, match=r"where no NVIDIA driver is \(libcuda\.so\.1 is not there\)"):
+    with pytest.raises(
+        BuildError, match=r"where no NVIDIA driver is \(libcuda\.so\.1 is not there\)"
+    ):
         robot()
 
 
@@ -218,7 +248,9 @@ def test_a_changed_source_is_refused(gpu, tmp_path):
     written = flexgen.generate("elbow", functions=["gravity"], directory=tmp_path / "elbow")
     source = written.directory / "src" / "elbow_gravity.c"
     source.write_text(source.read_text() + "\n")
-    with pytest.raises(BuildError, match=r"elbow_gravity\.c: given another file than flexgen wrote"):
+    with pytest.raises(
+        BuildError, match=r"elbow_gravity\.c: given another file than flexgen wrote"
+    ):
         flexgen.load(written.directory, device="cuda")
 
 
@@ -226,7 +258,12 @@ def test_capsules_are_those_of_numpy(monkeypatch):
     """NumPy reads what `give` makes, and `take` reads what NumPy makes."""
     x = np.arange(12.0).reshape(3, 4)[:, ::2]
     taken = dlpack.take(x.__dlpack__())
-    assert (taken.address, taken.shape, taken.strides, taken.dtype) == (x.ctypes.data, (3, 2), (32, 16), "<f8")
+    assert (taken.address, taken.shape, taken.strides, taken.dtype) == (
+        x.ctypes.data,
+        (3, 2),
+        (32, 16),
+        "<f8",
+    )
     taken.release()
 
     class OnCpu:

@@ -9,7 +9,8 @@ import pytest
 
 import flexgen
 
-NOT_RUN = {"export"}  # needs a package of another author; tests/client/test_extensions.py installs one
+# needs a package of another author; tests/client/test_extensions.py installs one
+NOT_RUN = {"export"}
 SLOW = set(
     """
     export_mex export_plcopen export_fmu export_simulink export_ros2 plan_problem sweep refine fit_motion control
@@ -25,15 +26,23 @@ SLOW = set(
 
 
 def functions() -> dict[str, object]:
-    return {name: what for name in flexgen.__all__ if inspect.isfunction(what := getattr(flexgen, name))}
+    return {
+        name: what for name in flexgen.__all__ if inspect.isfunction(what := getattr(flexgen, name))
+    }
 
 
 def without_example(named: dict[str, object]) -> set[str]:
-    return {name for name, what in named.items() if "\n    Examples\n    --------\n" not in (what.__doc__ or "")}
+    return {
+        name
+        for name, what in named.items()
+        if "\n    Examples\n    --------\n" not in (what.__doc__ or "")
+    }
 
 
 def classes() -> dict[str, object]:
-    return {name: what for name in flexgen._NOUNS if inspect.isclass(what := getattr(flexgen, name))}
+    return {
+        name: what for name in flexgen._NOUNS if inspect.isclass(what := getattr(flexgen, name))
+    }
 
 
 def without_returns(named: dict[str, object]) -> set[str]:
@@ -42,9 +51,13 @@ def without_returns(named: dict[str, object]) -> set[str]:
         f"{name}.{member}"
         for name, what in named.items()
         for member in vars(what)
-        if not member.startswith("_") and callable(method := getattr(what, member)) and inspect.isroutine(method)
-        if inspect.signature(method).return_annotation not in (None, "None", inspect.Signature.empty)
-        if "\n---" in (text := inspect.cleandoc(method.__doc__ or "")) and "\nReturns\n---" not in text
+        if not member.startswith("_")
+        and callable(method := getattr(what, member))
+        and inspect.isroutine(method)
+        if inspect.signature(method).return_annotation
+        not in (None, "None", inspect.Signature.empty)
+        if "\n---" in (text := inspect.cleandoc(method.__doc__ or ""))
+        and "\nReturns\n---" not in text
     }
 
 
@@ -59,7 +72,9 @@ def failures(name: str, what: object) -> int:
 def test_each_public_function_states_returns_and_has_an_example():
     named = functions()
     assert len(named) > 35 and not without_example(named)
-    assert not {name for name, what in named.items() if "\n    Returns\n" not in (what.__doc__ or "")}
+    assert not {
+        name for name, what in named.items() if "\n    Returns\n" not in (what.__doc__ or "")
+    }
 
 
 def test_each_public_class_has_an_example():
@@ -75,7 +90,9 @@ def test_methods_whose_docstrings_have_sections_state_returns():
             ------
             """
 
-    assert without_returns({"Planted": Planted}) == {"Planted.count"} and not without_returns(classes())
+    assert without_returns({"Planted": Planted}) == {"Planted.count"} and not without_returns(
+        classes()
+    )
 
 
 def test_planted_functions_without_or_with_a_wrong_example_are_seen():
@@ -88,7 +105,9 @@ def test_planted_functions_without_or_with_a_wrong_example_are_seen():
         3
         """
 
-    assert without_example({"planted": functions}) == {"planted"} and failures("planted", planted) == 1
+    assert (
+        without_example({"planted": functions}) == {"planted"} and failures("planted", planted) == 1
+    )
 
 
 @pytest.mark.parametrize(

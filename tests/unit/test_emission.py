@@ -46,7 +46,11 @@ def value(graph: Graph, x: np.ndarray) -> np.ndarray:
             node.append(np.full(len(x), graph.value[len(node)]))
         elif kind in ("add", "sub", "mul", "div"):
             a, b = of(operands[0]), of(operands[1])
-            node.append({"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}[kind](a, b))
+            node.append(
+                {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}[kind](
+                    a, b
+                )
+            )
         else:
             node.append(CALLS[kind](*(of(r) for r in operands)))
     return np.stack([of(r) for _, _, r in sorted(graph.outputs)], axis=1)
@@ -58,9 +62,17 @@ def random_function(rng: np.random.Generator, length: int = 60) -> ca.Function:
     for _ in range(length):
         a, b = (values[int(k)] for k in rng.integers(len(values), size=2))
         kind = int(rng.integers(9))
-        made = [a + b, a - b, -a, a * b, a * a, a / (2 + b * b), ca.sin(a), 2 * ca.tanh(b), ca.if_else(a < b, a, -b)][
-            kind
-        ]
+        made = [
+            a + b,
+            a - b,
+            -a,
+            a * b,
+            a * a,
+            a / (2 + b * b),
+            ca.sin(a),
+            2 * ca.tanh(b),
+            ca.if_else(a < b, a, -b),
+        ][kind]
         values.append(made)
     return function_of(*values[-12:])
 
@@ -78,7 +90,8 @@ def worst(function: ca.Function, rng: np.random.Generator) -> float:
 @pytest.mark.parametrize("seed", range(40))
 def test_the_graph_evaluates_to_the_values_of_the_function(seed):
     rng = np.random.default_rng(seed)
-    assert worst(random_function(rng), rng) < ROUNDING * 1e3  # products of products amplify what rounding does
+    # products of products amplify what rounding does
+    assert worst(random_function(rng), rng) < ROUNDING * 1e3
 
 
 @pytest.mark.parametrize("lost", ["add", "multiply", "terms"])
@@ -89,7 +102,10 @@ def test_a_lost_sign_is_seen(lost, monkeypatch):
     else:
         true = getattr(Graph, lost)
         monkeypatch.setattr(Graph, lost, lambda self, a, b: true(self, a & ~1, b))
-    seen = [worst(random_function(np.random.default_rng(seed)), np.random.default_rng(seed)) for seed in range(10)]
+    seen = [
+        worst(random_function(np.random.default_rng(seed)), np.random.default_rng(seed))
+        for seed in range(10)
+    ]
     assert max(seen) > 1e-3
 
 
@@ -154,7 +170,8 @@ def test_the_longest_chain_is_begun_first():
     graph = simplify_graph(read_graph(function_of(B * C, B * D, C * D, chain)))
     nodes = schedule_nodes(graph, [r >> 1 for _, _, r in graph.outputs], set())
     kinds = [graph.kind[node] for node in nodes if graph.arguments(node)]
-    assert kinds[0] == "add" and kinds.index("mul") < kinds.index("sqrt")  # while the sum is on its way
+    # while the sum is on its way
+    assert kinds[0] == "add" and kinds.index("mul") < kinds.index("sqrt")
 
 
 # --- the C ------------------------------------------------------------------------------------------------------------
@@ -173,12 +190,36 @@ def every_operation() -> ca.SX:
         ca.fabs(A) ** B,
         ca.fabs(A) ** 2.5,
     ]
-    rows += [f(A) for f in (ca.sin, ca.cos, ca.tan, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.asinh, ca.exp, ca.expm1)]
+    rows += [
+        f(A)
+        for f in (
+            ca.sin,
+            ca.cos,
+            ca.tan,
+            ca.atan,
+            ca.sinh,
+            ca.cosh,
+            ca.tanh,
+            ca.asinh,
+            ca.exp,
+            ca.expm1,
+        )
+    ]
     rows += [f(A) for f in (ca.erf, ca.floor, ca.ceil, ca.fabs, ca.sign)]
     rows += [f(ca.sin(A)) for f in (ca.asin, ca.acos, ca.atanh)]
     rows += [f(1 + ca.fabs(A)) for f in (ca.log, ca.log1p, ca.acosh)]
-    rows += [f(A, B) for f in (ca.fmin, ca.fmax, ca.fmod, ca.remainder, ca.copysign, ca.atan2, ca.hypot)]
-    rows += [A < B, A <= B, A == B, A != B, ca.logic_not(A), ca.logic_and(A < 0, B < 0), ca.logic_or(A < 0, B < 0)]
+    rows += [
+        f(A, B) for f in (ca.fmin, ca.fmax, ca.fmod, ca.remainder, ca.copysign, ca.atan2, ca.hypot)
+    ]
+    rows += [
+        A < B,
+        A <= B,
+        A == B,
+        A != B,
+        ca.logic_not(A),
+        ca.logic_and(A < 0, B < 0),
+        ca.logic_or(A < 0, B < 0),
+    ]
     rows += [ca.if_else(A < B, A * 3, B / 7), ca.sin(ca.sin(A) + ca.cos(B)), C + D]
     return ca.vertcat(*rows, ca.cumsum(ca.sin(ca.vertcat(*rows[:20]))))
 
@@ -190,7 +231,9 @@ def test_every_operation_and_every_cut(chunk, flags, tmp_path, monkeypatch):
     monkeypatch.setattr("flexgen.expressions.function_text.CHUNK", chunk)
     monkeypatch.setattr("flexgen.expressions.function_text.MARGIN", 0)
     function = function_of(every_operation())
-    written = function_text(Routine((Expressions(function),)), {"u": 4}, {"y": function.numel_out(0)})
+    written = function_text(
+        Routine((Expressions(function),)), {"u": 4}, {"y": function.numel_out(0)}
+    )
     assert ("evaluate_1_2" in written.text) == (chunk == 7) == (written.work > 0)
     library = small(function, tmp_path, flags=("-std=c99", "-O2", "-ffp-contract=off", *flags))
     x = np.random.default_rng(5).normal(size=(POINTS, 4))
@@ -206,7 +249,9 @@ def test_every_operation_and_every_cut(chunk, flags, tmp_path, monkeypatch):
 
 @needs_compiler
 def test_single_precision_is_single_throughout(tmp_path):
-    function = function_of(ca.sin(A) * B + 0.1 * C / D, ca.exp(-A * A) * ca.tanh(B), ca.cos(A + 0.3))
+    function = function_of(
+        ca.sin(A) * B + 0.1 * C / D, ca.exp(-A * A) * ca.tanh(B), ca.cos(A + 0.3)
+    )
     library = small(function, tmp_path, "single", flags=("-std=c99", "-O2", "-Wdouble-promotion"))
     x = np.random.default_rng(6).normal(size=(POINTS, 4)).astype(np.float32)
     status, (many,) = library.batch(x)
@@ -216,15 +261,28 @@ def test_single_precision_is_single_throughout(tmp_path):
 
 
 def test_literals_read_back_to_the_same_bits():
-    assert (literal(0.3), literal(-9.81), literal(2.0), literal(1e16)) == ("0.3", "(-9.81)", "2.0", "1e+16")
-    assert (literal(0.3, "single"), literal(-2.0, "single"), literal(1e16, "single")) == ("0.3f", "(-2.0f)", "1e+16f")
+    assert (literal(0.3), literal(-9.81), literal(2.0), literal(1e16)) == (
+        "0.3",
+        "(-9.81)",
+        "2.0",
+        "1e+16",
+    )
+    assert (literal(0.3, "single"), literal(-2.0, "single"), literal(1e16, "single")) == (
+        "0.3f",
+        "(-2.0f)",
+        "1e+16f",
+    )
     for x in (0.0, -0.0, 1.0, -3.0, 0.1, 1e300, -5e-324, 2.0**53, 1e22):
         assert float(literal(x).strip("()")).hex() == x.hex()
         with np.errstate(all="ignore"):
             short = np.float32(x)
         text = literal(x, "single").strip("()")
         assert ("INFINITY" in text) if np.isinf(short) else np.float32(text.rstrip("f")) == short
-    assert (literal(np.inf), literal(-np.inf), literal(np.nan)) == ("INFINITY", "(-INFINITY)", "NAN")
+    assert (literal(np.inf), literal(-np.inf), literal(np.nan)) == (
+        "INFINITY",
+        "(-INFINITY)",
+        "NAN",
+    )
 
 
 @needs_compiler
@@ -234,7 +292,8 @@ def test_results_that_are_not_finite_have_an_error_status(bad, chunk, tmp_path, 
     """An input that no result depends on, one behind a comparison, and a result that overflows."""
     monkeypatch.setattr("flexgen.expressions.function_text.CHUNK", chunk)
     monkeypatch.setattr("flexgen.expressions.function_text.MARGIN", 0)
-    library = small(function_of(ca.if_else(A < 1, 2, 3 * B), B * B, B - 1), tmp_path)  # C and D are not used
+    # C and D are not used
+    library = small(function_of(ca.if_else(A < 1, 2, 3 * B), B * B, B - 1), tmp_path)
     good = np.array([0.1, 0.2, 0.3, 0.4])
     assert library.point(good)[0] == 0
     for entry in range(4):
@@ -252,10 +311,16 @@ def test_results_that_are_not_finite_have_an_error_status(bad, chunk, tmp_path, 
 
 
 # --- loops ------------------------------------------------------------------------------------------------------------
-def solve_program(n: int, columns: int, unit: bool, banded: bool) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
+def solve_program(
+    n: int, columns: int, unit: bool, banded: bool
+) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
     """``X = -A^-1 R`` of a positive definite matrix given by its entries."""
     q, r = ca.SX.sym("q", n, n), ca.SX.sym("r", n, columns)
-    mask = np.ones((n, n)) if not banded else (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= 1) * 1.0
+    mask = (
+        np.ones((n, n))
+        if not banded
+        else (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= 1) * 1.0
+    )
     half = ca.tril(q) * mask
     matrix = ca.mtimes(half, half.T) + n * ca.SX.eye(n)
     f = ca.Function("g", [q, r], [ca.densify(matrix), r], ["q", "r"], ["M", "R"])
@@ -270,7 +335,8 @@ def solve_program(n: int, columns: int, unit: bool, banded: bool) -> tuple[Routi
 
 @needs_compiler
 @pytest.mark.parametrize(
-    ("n", "columns", "unit", "banded"), [(2, 3, False, False), (5, 4, True, True), (9, 20, True, False)]
+    ("n", "columns", "unit", "banded"),
+    [(2, 3, False, False), (5, 4, True, True), (9, 20, True, False)],
 )
 @pytest.mark.parametrize(
     "flags", [(), pytest.param(("-march=native",), marks=pytest.mark.slow), ("-DSMALL_NO_VECTORS",)]
@@ -308,7 +374,9 @@ def test_products_fill_a_symmetric_matrix(n, flags, tmp_path):
     S, F = Rows("S", 0, 3), Rows("F", 0, 3)
     program = Routine((Expressions(f), Products((S, F), (F, S), n, "M")))
     options = ("-std=c99", "-O2", "-ffp-contract=off", *flags)
-    library = Small(spec_of(program, ports_of(f)[0], (Port("M", (n, n), "1", ""),)), tmp_path, flags=options)
+    library = Small(
+        spec_of(program, ports_of(f)[0], (Port("M", (n, n), "1", ""),)), tmp_path, flags=options
+    )
     rng = np.random.default_rng(4)
     S, F = rng.normal(size=(2, POINTS, 3, n))
     status, (many,) = library.batch(*(x.transpose(0, 2, 1).reshape(POINTS, -1) for x in (S, F)))
@@ -328,8 +396,12 @@ def test_a_singular_matrix_has_an_error_status(tmp_path):
     program, inputs, outputs = solve_program(2, 3, False, False)
     f = program.steps[0].function
     q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
-    singular = ca.Function("g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], f.name_out())
-    library = Small(spec_of(Routine((Expressions(singular), program.steps[1])), inputs, outputs), tmp_path)
+    singular = ca.Function(
+        "g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], f.name_out()
+    )
+    library = Small(
+        spec_of(Routine((Expressions(singular), program.steps[1])), inputs, outputs), tmp_path
+    )
     assert library.point(np.eye(2), np.ones((2, 3)))[0] == 0
     status, (X_of, *_) = library.point(np.ones((2, 2)), np.ones((2, 3)))
     assert status == -3 and np.isnan(X_of).all()
@@ -342,7 +414,9 @@ def test_a_pivot_of_the_size_of_rounding_has_an_error_status(rows, tmp_path):
     program, inputs, outputs = solve_program(2, 3, False, False)
     q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
     square = ca.Function("g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], ["M", "R"])
-    library = Small(spec_of(Routine((Expressions(square), program.steps[1])), inputs, outputs), tmp_path)
+    library = Small(
+        spec_of(Routine((Expressions(square), program.steps[1])), inputs, outputs), tmp_path
+    )
     right = np.ones((2, 3))
     assert library.point(np.array(rows), right)[0] == -3
     assert library.point(np.array([[0.1, 0.7], [0.3, 2.2]]), right)[0] == 0
@@ -357,9 +431,15 @@ def test_a_divisor_of_the_size_of_rounding_has_an_error_status(sign, tmp_path):
     pivot = sign * (B * B + C * C - 2 * D * B * C)  # positive, or always negative, for |D| < 1
     function = function_of(A / pivot, A + 1)
     inputs, outputs = ports_of(function)
-    library = Small(spec_of(Routine((Expressions(function, pivots=True),)), inputs, outputs), tmp_path)
+    library = Small(
+        spec_of(Routine((Expressions(function, pivots=True),)), inputs, outputs), tmp_path
+    )
     assert library.point([1.0, 0.3, 0.5, 0.2])[0] == 0
-    for x in ([1.0, 0.3, 0.3, 1.0], [1.0, 0.1, 0.1 * (1 + 3e-16), 1.0], [1.0, 0.3, 0.3, 1.0 + 1e-15]):
+    for x in (
+        [1.0, 0.3, 0.3, 1.0],
+        [1.0, 0.1, 0.1 * (1 + 3e-16), 1.0],
+        [1.0, 0.3, 0.3, 1.0 + 1e-15],
+    ):
         assert library.point(x)[0] == -3
 
 
@@ -374,5 +454,7 @@ def test_operations_of_products_are_those_of_their_dot_products():
     """A symmetric matrix: one triangle; else each has its own number of rows."""
     S, W, G, U = (Rows(name, 0, count) for name, count in (("S", 3), ("W", 3), ("G", 5), ("U", 5)))
     below = sum(2 * 5 - 1 for i in range(9) for _ in range(i + 1))
-    assert Products((S, W), (G, U), 9, "M").operations == below + sum(2 * 3 - 1 for i in range(9) for _ in range(i))
+    assert Products((S, W), (G, U), 9, "M").operations == below + sum(
+        2 * 3 - 1 for i in range(9) for _ in range(i)
+    )
     assert Products((U, G), (G, U), 9, "M").operations == below

@@ -29,7 +29,9 @@ def test_dense_functions_have_the_bits_of_a_call_at_each_point(n: int) -> None:
 def test_sparse_results_are_full_arrays(n: int) -> None:
     points = RNG.normal(size=(n, 3))
     diagonal, product = evaluate(SPARSE, points)
-    assert (diagonal == points[:, :, None] * np.eye(3)).all() and (product == points[:, :1] * points).all()
+    assert (diagonal == points[:, :, None] * np.eye(3)).all() and (
+        product == points[:, :1] * points
+    ).all()
 
 
 def test_repeated_calls_do_not_depend_on_the_last_call() -> None:

@@ -69,20 +69,28 @@ def table(tmp_path: Path) -> Path:
     return file
 
 
-def test_an_error_of_the_angle_alone_is_shown_in_radians(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_angle_alone_is_shown_in_radians(
+    table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The torque of the table is wrong: the error in metres is rounding, the one in radians decides."""
     solution = flexgen.solve(table)
     assert solution.status == flexgen.Status.SOLVED
     trajectory = solution.trajectory
     wrong = trajectory["tau_m"].copy()
     wrong[:, 1] *= 1.003
-    run = simulate(table, dataclasses.replace(trajectory, channels={**trajectory.channels, "tau_m": wrong}))
+    run = simulate(
+        table, dataclasses.replace(trajectory, channels={**trajectory.channels, "tau_m": wrong})
+    )
     assert run.tool_error_max_m is not None and run.tool_error_max_m < 1e-8
     assert run.tool_error_max_rad is not None and run.tool_error_max_rad > 1e-4
     shown = dataclasses.replace(solution, simulation=run, status=flexgen.Status.TOLERANCE_NOT_MET)
     for text in (str(shown), repr(run), problem_of(shown, 1e-5)):
         assert format_size(run.tool_error_max_rad, "rad") in text, text
-    units = [unit for label, value, unit in figure_rows(shown) if label == "output error open loop, largest" and value]
+    units = [
+        unit
+        for label, value, unit in figure_rows(shown)
+        if label == "output error open loop, largest" and value
+    ]
     assert units == ["um", "urad"] or units == ["um", "mrad"]
 
     method = solve_module.run_method
@@ -101,8 +109,12 @@ def test_every_column_of_a_sweep_has_one_unit(table: Path) -> None:
     """Errors of a plan are a length and an angle, not the larger number of the two."""
     columns = {column.name: column.unit for column in RESULTS}
     assert " or " not in "".join(columns.values())
-    solution = dataclasses.replace(flexgen.solve(table, verify=False), plan_error_max_m=1e-6, plan_error_max_rad=3e-3)
-    found = {columns[name]: value for name, value in _row(solution).items() if name.startswith("plan_")}
+    solution = dataclasses.replace(
+        flexgen.solve(table, verify=False), plan_error_max_m=1e-6, plan_error_max_rad=3e-3
+    )
+    found = {
+        columns[name]: value for name, value in _row(solution).items() if name.startswith("plan_")
+    }
     assert found == {"m": 1e-6, "rad": 3e-3}
 
 

@@ -42,7 +42,9 @@ def test_the_same_input_gives_the_same_bytes(version, tmp_path):
     a = flexgen.export_fmu("four_mass", tmp_path / "a.fmu", binary=False, version=version)
     b = flexgen.export_fmu("four_mass", tmp_path / "b.fmu", binary=False, version=version)
     assert a.path.read_bytes() == b.path.read_bytes() and a.details["token"] == b.details["token"]
-    c = flexgen.export_fmu("four_mass", tmp_path / "c.fmu", binary=False, version=version, step=1e-5)
+    c = flexgen.export_fmu(
+        "four_mass", tmp_path / "c.fmu", binary=False, version=version, step=1e-5
+    )
     assert c.details["token"] != a.details["token"]  # another content, another token
     with zipfile.ZipFile(a.path) as archive:
         assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
@@ -67,10 +69,18 @@ def test_the_path_of_a_feedforward_begins_at_home_with_the_units_of_the_output(o
             start = [*p.ravel(), *R[:, 0], *R[:, 1], *R[:, 2]]
     held = Held(q_a=q_a)
     found = feedforward._inputs(model, flexgen.derive(model), held, Held(look_ahead=0.25))
-    np.testing.assert_allclose([x.start for x in found], [*start, *np.zeros(2 * len(rates))], atol=1e-12)
-    assert [x.unit for x in found] == [*units, *(f"{x}/s" for x in rates), *(f"{x}/s2" for x in rates)]
+    np.testing.assert_allclose(
+        [x.start for x in found], [*start, *np.zeros(2 * len(rates))], atol=1e-12
+    )
+    assert [x.unit for x in found] == [
+        *units,
+        *(f"{x}/s" for x in rates),
+        *(f"{x}/s2" for x in rates),
+    ]
     kinds = [("position", len(units)), ("velocity", len(rates)), ("acceleration", len(rates))]
-    assert [x.name for x in found] == [f"path.{kind}[{k + 1}]" for kind, count in kinds for k in range(count)]
+    assert [x.name for x in found] == [
+        f"path.{kind}[{k + 1}]" for kind, count in kinds for k in range(count)
+    ]
     assert [x.index for x in found] == list(range(len(found))) and all(x.sampled for x in found)
     matrix = "rotation matrix by columns of the path, 0.25 s ahead"
     assert [x.text for x in found[3 : len(units)]] == [matrix] * max(len(units) - 3, 0)
@@ -81,7 +91,10 @@ def test_the_path_of_a_feedforward_begins_at_home_with_the_units_of_the_output(o
 @pytest.mark.parametrize("block", ["plant", "controller"])
 def test_with_a_binary_too(block, tmp_path):
     given = {"controller": fmus.cascade(1)} if block == "controller" else {}
-    paths = [flexgen.export_fmu("four_mass", tmp_path / f"{k}.fmu", block=block, **given).path for k in "ab"]
+    paths = [
+        flexgen.export_fmu("four_mass", tmp_path / f"{k}.fmu", block=block, **given).path
+        for k in "ab"
+    ]
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert str(tmp_path).encode() not in b"".join(files_of(paths[0]).values())
 
@@ -118,7 +131,8 @@ def test_names_of_motors_are_not_in_the_hand_written_c(tmp_path):
     (motor,) = model.motors
     model = replace(model, motors=(replace(motor, name="unusual_motor"),))
     files = sources_of(tmp_path, model)
-    code = re.sub(rb"/\*.*?\*/", b"", files["sources/all.c"], flags=re.DOTALL)  # comments of the header name them
+    # comments of the header name them
+    code = re.sub(rb"/\*.*?\*/", b"", files["sources/all.c"], flags=re.DOTALL)
     assert b"unusual_motor" not in code and b"fmi2DoStep" in code and b"four_mass_" in code
     assert b"motor.unusual_motor.torque" in files["modelDescription.xml"]
 
@@ -127,17 +141,38 @@ def test_names_of_motors_are_not_in_the_hand_written_c(tmp_path):
     ("options", "message"),
     [
         ({"version": "1.0"}, "version: given '1.0', expected one of 2.0, 3.0"),
-        ({"block": "robot"}, "block: given 'robot', expected one of plant, feedforward, controller"),
+        (
+            {"block": "robot"},
+            "block: given 'robot', expected one of plant, feedforward, controller",
+        ),
         ({"method": "euler"}, "method: given 'euler', expected one of rk4, sdirk4"),
         ({"step": 0.0}, "step: given 0.0, expected a time"),
         ({"step": float("nan")}, "step: given nan"),
-        ({"block": "controller", "controller": fmus.cascade(1), "sample_time": "fast"}, "sample_time: given 'fast'"),
-        ({"block": "controller", "controller": 3}, "controller: given int, expected a flexgen.Cascade"),
-        ({"sample_time": 1e-3}, "sample_time: given one for the block 'plant', expected it with block='controller'"),
+        (
+            {"block": "controller", "controller": fmus.cascade(1), "sample_time": "fast"},
+            "sample_time: given 'fast'",
+        ),
+        (
+            {"block": "controller", "controller": 3},
+            "controller: given int, expected a flexgen.Cascade",
+        ),
+        (
+            {"sample_time": 1e-3},
+            "sample_time: given one for the block 'plant', expected it with block='controller'",
+        ),
         ({"look_ahead": 0.05}, "look_ahead: given one for the block 'plant'"),
-        ({"block": "feedforward", "method": "rk4"}, "method: given one for the block 'feedforward'"),
-        ({"block": "feedforward", "sample_time": 1e-3}, "sample_time: given one for the block 'feedforward'"),
-        ({"block": "controller", "controller": fmus.cascade(1), "step": 1e-4}, "step: given one for the block"),
+        (
+            {"block": "feedforward", "method": "rk4"},
+            "method: given one for the block 'feedforward'",
+        ),
+        (
+            {"block": "feedforward", "sample_time": 1e-3},
+            "sample_time: given one for the block 'feedforward'",
+        ),
+        (
+            {"block": "controller", "controller": fmus.cascade(1), "step": 1e-4},
+            "step: given one for the block",
+        ),
         ({"block": "plant", "controller": fmus.cascade(1)}, "expected it with block='controller'"),
         ({"block": "controller", "controller": fmus.cascade(2)}, "one for each motor"),
     ],
@@ -150,10 +185,13 @@ def test_wrong_arguments(options, message, tmp_path):
 
 
 def test_a_wrong_path_and_model(tmp_path):
-    with pytest.raises(ArgumentError, match=r"robot\.zip.*, expected the path of a file that ends in \.fmu"):
+    with pytest.raises(
+        ArgumentError, match=r"robot\.zip.*, expected the path of a file that ends in \.fmu"
+    ):
         flexgen.export_fmu("four_mass", tmp_path / "robot.zip", binary=False)
     with pytest.raises(ArgumentError, match=r"path: given '.*robot\.zip'"):
-        flexgen.export_fmu("four_mass", tmp_path / "robot.zip", binary=False)  # not PosixPath('...')
+        # not PosixPath('...')
+        flexgen.export_fmu("four_mass", tmp_path / "robot.zip", binary=False)
     with pytest.raises(ArgumentError, match="path: given 5"):
         flexgen.export_fmu("four_mass", 5, binary=False)
     with pytest.raises((ArgumentError, ModelError), match="no_such"):
@@ -165,12 +203,17 @@ def test_a_model_without_inverse_dynamics_has_no_feedforward(tmp_path):
     with pytest.raises(ArgumentError, match=r"block 'feedforward': .*motor_coupling 'complete'"):
         flexgen.export_fmu(model, tmp_path / "robot.fmu", block="feedforward")
     with pytest.raises(ArgumentError, match=r"look_ahead: given 0\.0123 s"):
-        flexgen.export_fmu("four_mass", tmp_path / "robot.fmu", block="feedforward", look_ahead=0.0123)
+        flexgen.export_fmu(
+            "four_mass", tmp_path / "robot.fmu", block="feedforward", look_ahead=0.0123
+        )
 
 
 def test_a_robot_without_passive_coordinates_has_a_feedforward(tmp_path):
     files = sources_of(tmp_path, "elbow", block="feedforward")
-    assert b"elbow_stream_update(" in files["sources/all.c"] and b"path.position[2]" in files["modelDescription.xml"]
+    assert (
+        b"elbow_stream_update(" in files["sources/all.c"]
+        and b"path.position[2]" in files["modelDescription.xml"]
+    )
 
 
 # Names of fixed files without their prefix; names in C; a header of the standard; the prefix.
@@ -183,7 +226,9 @@ def test_names_of_models_do_not_collide_with_the_fixed_files(name, problem, tmp_
     """The sources compile, with all files there, or the name is refused."""
     model = replace(flexgen.read("four_mass"), name=name)
     if problem:
-        with pytest.raises(BuildError, match=rf"given '{name}', which gives {problem}, a name of the fixed files"):
+        with pytest.raises(
+            BuildError, match=rf"given '{name}', which gives {problem}, a name of the fixed files"
+        ):
             sources_of(tmp_path, model)
         assert list(tmp_path.iterdir()) == []
         return
@@ -195,7 +240,15 @@ def test_names_of_models_do_not_collide_with_the_fixed_files(name, problem, tmp_
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler")
-    words = [compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", *map(str, tmp_path.glob("*.c"))]
+    words = [
+        compiler,
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fsyntax-only",
+        *map(str, tmp_path.glob("*.c")),
+    ]
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[:1000]
 
@@ -218,7 +271,9 @@ def test_missing_declarations_stop_the_compiler(monkeypatch, tmp_path):
 def test_the_payload_is_in_the_frame_that_the_tool_is_attached_to(tmp_path):
     root = ET.fromstring(sources_of(tmp_path)["modelDescription.xml"])
     texts = {v.get("name"): v.get("description") for v in root.iter("ScalarVariable")}
-    assert texts["payload.com[1]"] == "its center of mass in the frame that the tool is attached to, x"
+    assert (
+        texts["payload.com[1]"] == "its center of mass in the frame that the tool is attached to, x"
+    )
 
 
 def test_without_a_compiler(monkeypatch, tmp_path):
@@ -232,19 +287,56 @@ def test_without_a_compiler(monkeypatch, tmp_path):
 
 def test_the_command(tmp_path, capsys):
     path = tmp_path / "robot.fmu"
-    assert main(["export", "fmu", "four_mass", "--fmi", "3.0", "--no-binary", "--out", str(path), "--json", "-q"]) == 0
+    assert (
+        main(
+            [
+                "export",
+                "fmu",
+                "four_mass",
+                "--fmi",
+                "3.0",
+                "--no-binary",
+                "--out",
+                str(path),
+                "--json",
+                "-q",
+            ]
+        )
+        == 0
+    )
     data = json.loads(capsys.readouterr().out)
     assert data["version"] == "3.0" and data["binary"] is None and path.exists()
-    assert {"name": "motor.m1.torque", "reference": 3000, "causality": "input", "unit": "N.m", "start": 0.0} in [
-        {key: v[key] for key in ("name", "reference", "causality", "unit", "start")} for v in data["variables"]
+    assert {
+        "name": "motor.m1.torque",
+        "reference": 3000,
+        "causality": "input",
+        "unit": "N.m",
+        "start": 0.0,
+    } in [
+        {key: v[key] for key in ("name", "reference", "causality", "unit", "start")}
+        for v in data["variables"]
     ]
-    words = ["export", "fmu", "four_mass", "--block", "controller", "--no-binary", "--out", str(path), "-q"]
+    words = [
+        "export",
+        "fmu",
+        "four_mass",
+        "--block",
+        "controller",
+        "--no-binary",
+        "--out",
+        str(path),
+        "-q",
+    ]
     assert main(words) == 0 and "motor.m1.position_gain" in capsys.readouterr().out
     assert main(["export", "fmu", "four_mass", "--controller", "x.toml"]) == 1
-    assert "controller: given one for the block 'plant', expected it with block='controller' only" in " ".join(
-        capsys.readouterr().err.split()
+    assert (
+        "controller: given one for the block 'plant', expected it with block='controller' only"
+        in " ".join(capsys.readouterr().err.split())
     )
-    assert main(["export", "fmu", "four_mass", "--block", "feedforward", "--sample-time", "0.001"]) == 1
+    assert (
+        main(["export", "fmu", "four_mass", "--block", "feedforward", "--sample-time", "0.001"])
+        == 1
+    )
     assert "sample_time: given one for the block 'feedforward'" in capsys.readouterr().err
     for given in ("x.toml", "x.txt"):
         assert main([*words, "--controller", str(tmp_path / given)]) == 1
@@ -264,8 +356,8 @@ def test_the_angles_and_torques_of_a_controller_are_discrete():
     assert all(kinds[name] == "discrete" for name in sampled) and len(kinds) > len(sampled)
     assert not any(kind == "discrete" for name, kind in kinds.items() if name not in sampled)
     for v in found:
-        assert f'<Float64 name="{v.name}"' in " ".join(_variable_3(v)) and f'unit="{v.unit}"' in " ".join(
+        assert f'<Float64 name="{v.name}"' in " ".join(
             _variable_3(v)
-        )
+        ) and f'unit="{v.unit}"' in " ".join(_variable_3(v))
     (status,) = _variable_3(replace(found[-1], kind=STATUS))
     assert status.startswith("<Int32") and "unit=" not in status

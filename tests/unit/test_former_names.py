@@ -22,7 +22,8 @@ MOST = 8  # parameters of a function; more of them belong into an object of opti
 LARGER = {
     "fit_motion": 10,  # what is free, its bounds and priors, by name as in identify
     "identify": 10,  # the same, and how the errors of the responses are modelled
-    "simulate": 10,  # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it touches
+    # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it touches
+    "simulate": 10,
 }
 
 
@@ -30,14 +31,20 @@ def larger(functions: dict[str, Any]) -> dict[str, int]:
     """Functions with more than `MOST` parameters outside of the command line, and how many they have."""
     counts = {}
     for name, what in functions.items():
-        options = {o.parameter for verb in VERBS.values() if verb.function == name for o in verb.options()}
+        options = {
+            o.parameter for verb in VERBS.values() if verb.function == name for o in verb.options()
+        }
         parameters = inspect.signature(what).parameters.values()
         counts[name] = sum(not (p.kind is p.KEYWORD_ONLY and p.name in options) for p in parameters)
     return {name: count for name, count in counts.items() if count > MOST}
 
 
 def test_no_further_public_function_has_more_than_eight_parameters():
-    public = {name: getattr(flexgen, name) for name in flexgen.__all__ if inspect.isfunction(getattr(flexgen, name))}
+    public = {
+        name: getattr(flexgen, name)
+        for name in flexgen.__all__
+        if inspect.isfunction(getattr(flexgen, name))
+    }
     found = larger(public)
     assert found.keys() == LARGER.keys() and all(found[name] <= LARGER[name] for name in found)
 
@@ -47,7 +54,9 @@ def test_a_planted_function_with_nine_parameters_is_seen():
 
 
 def test_generate_takes_its_former_first_argument_with_a_warning(tmp_path):
-    with pytest.warns(DeprecationWarning, match="given model_or_equations=, expected its new name, model=") as caught:
+    with pytest.warns(
+        DeprecationWarning, match="given model_or_equations=, expected its new name, model="
+    ) as caught:
         made = flexgen.generate(model_or_equations="elbow", directory=tmp_path / "e", build=False)  # type: ignore[call-arg]
     assert made.directory == tmp_path / "e"
     assert [Path(warning.filename).name for warning in caught] == [Path(__file__).name]
@@ -61,7 +70,9 @@ def test_both_names_of_an_argument_are_refused():
 
 def test_limits_from_a_model_are_those_of_its_file_or_those_given():
     limits = flexgen.Limits.from_model("four_mass")
-    assert limits == flexgen.Limits.from_model(flexgen.derive("four_mass")) and limits.torque == (20.0,)
+    assert limits == flexgen.Limits.from_model(flexgen.derive("four_mass")) and limits.torque == (
+        20.0,
+    )
     assert flexgen.Limits.from_model("elbow", torque=20.0, speed=[100.0, 200.0]) == flexgen.Limits(
         (20.0, 20.0), (100.0, 200.0)
     )
@@ -72,9 +83,14 @@ def test_limits_from_a_model_are_those_of_its_file_or_those_given():
 def test_results_of_exports_work_as_in_version_0_2_with_a_warning(tmp_path):
     """A path of MuJoCo, a pair of URDF, the attributes of an FMU, the name of a folder."""
     mujoco = flexgen.export_mujoco("elbow", tmp_path / "elbow.xml")
-    assert Path(mujoco).read_text() == mujoco.path.read_text() and f"{mujoco}" == str(tmp_path / "elbow.xml")
+    assert Path(mujoco).read_text() == mujoco.path.read_text() and f"{mujoco}" == str(
+        tmp_path / "elbow.xml"
+    )
     for old, expected in ((lambda: mujoco.name, "elbow.xml"), (lambda: mujoco.suffix, ".xml")):
-        with pytest.warns(DeprecationWarning, match=r"export_mujoco: given \.\w+, expected its new place, \.path\."):
+        with pytest.warns(
+            DeprecationWarning,
+            match=r"export_mujoco: given \.\w+, expected its new place, \.path\.",
+        ):
             assert old() == expected
     urdf = flexgen.export_urdf("elbow", tmp_path / "arm.urdf")
     with pytest.warns(DeprecationWarning, match="given a pair of paths, expected .files") as caught:
@@ -82,11 +98,15 @@ def test_results_of_exports_work_as_in_version_0_2_with_a_warning(tmp_path):
     assert (path, overlay) == urdf.files and overlay == urdf.details["overlay"]
     assert {Path(warning.filename).name for warning in caught} == {Path(__file__).name}
     fmu = flexgen.export_fmu("elbow", tmp_path / "elbow.fmu", binary=False)
-    with pytest.warns(DeprecationWarning, match=r"given .token, expected its new place, .details\['token'\]"):
+    with pytest.warns(
+        DeprecationWarning, match=r"given .token, expected its new place, .details\['token'\]"
+    ):
         assert fmu.token == fmu.details["token"]
     folder = flexgen.export_mex("elbow@payload", tmp_path / "mex")
     with pytest.warns(DeprecationWarning, match="given .name"):
-        assert folder.name == "elbow_payload" and folder.directory == folder.path == tmp_path / "mex"
+        assert (
+            folder.name == "elbow_payload" and folder.directory == folder.path == tmp_path / "mex"
+        )
     with pytest.warns(DeprecationWarning, match="given a former name, expected flexgen.Exported"):
         assert flexgen.ExportedFmu is flexgen.Exported
     for call in (lambda: folder.kinds, lambda: mujoco.kinds):
@@ -99,6 +119,13 @@ def test_results_of_exports_work_as_in_version_0_2_with_a_warning(tmp_path):
 def test_an_export_says_what_a_user_must_know_and_is_written_as_json(tmp_path):
     exact = flexgen.export_mujoco("elbow", tmp_path / "elbow.xml")
     viscous = flexgen.export_mujoco("manutec_r3", tmp_path / "arm.xml", friction="viscous")
-    assert exact.notes == () and "all friction but viscous is left out" in viscous.summary().splitlines()[-1]
+    assert (
+        exact.notes == ()
+        and "all friction but viscous is left out" in viscous.summary().splitlines()[-1]
+    )
     data = json.loads(viscous.save(tmp_path / "arm.json").read_text())
-    assert data["kind"] == "mujoco" and data["friction"] == "viscous" and data["files"] == [str(tmp_path / "arm.xml")]
+    assert (
+        data["kind"] == "mujoco"
+        and data["friction"] == "viscous"
+        and data["files"] == [str(tmp_path / "arm.xml")]
+    )

@@ -43,7 +43,11 @@ def test_a_new_law_reaches_the_equations_and_the_parameters(law):
     assert f_m[0] == pytest.approx(0.5 * -3.0 - 0.25 * 9.0, rel=1e-15)
     names = [p.name for p in flexgen.derive(robot, parameters=["m1.friction"]).parameters]
     assert names == ["m1.viscous", "m1.quadratic"]
-    assert flexgen.describe(robot)["motors"][0]["friction"] == {"type": "quadratic", "viscous": 0.5, "quadratic": 0.25}
+    assert flexgen.describe(robot)["motors"][0]["friction"] == {
+        "type": "quadratic",
+        "viscous": 0.5,
+        "quadratic": 0.25,
+    }
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,12 @@ def test_a_second_generation_writes_and_compiles_nothing():
     first = made("planar5_nmp")
     times = [path.stat().st_mtime_ns for path in first.files]
     again = generate("planar5_nmp", first.directory)
-    assert again.cached and not again.written and again.digest == first.digest and again.files == first.files
+    assert (
+        again.cached
+        and not again.written
+        and again.digest == first.digest
+        and again.files == first.files
+    )
     assert [path.stat().st_mtime_ns for path in first.files] == times
 
 
@@ -103,7 +108,10 @@ def change(folder: Path, **changes) -> None:
         ({"functions": []}, "elbow_interface: given"),
         ({"name": "x y"}, "name of the library: given 'x y'"),
         ({"motors": 5}, "incomplete manifest"),
-        ({"statuses": [{"code": -1, "text": "", "exception": "sys"}]}, "expected a class of flexgen.errors"),
+        (
+            {"statuses": [{"code": -1, "text": "", "exception": "sys"}]},
+            "expected a class of flexgen.errors",
+        ),
     ],
 )
 def test_a_manifest_that_does_not_fit_is_refused(copy, changes, told):
@@ -121,7 +129,9 @@ def test_a_shape_that_the_library_does_not_have_is_refused(copy):
 
 
 def test_missing_and_broken_directories_are_explained(tmp_path, copy):
-    with pytest.raises(BuildError, match=r"no readable manifest.json, expected what flexgen.generate writes"):
+    with pytest.raises(
+        BuildError, match=r"no readable manifest.json, expected what flexgen.generate writes"
+    ):
         load(tmp_path / "nothing")
     (copy / "manifest.json").write_text("{")
     with pytest.raises(BuildError, match="not JSON"):
@@ -130,7 +140,13 @@ def test_missing_and_broken_directories_are_explained(tmp_path, copy):
     library_of(copy).unlink()
     with pytest.raises(BuildError, match="cannot be loaded"):
         load(copy)
-    change(copy, build={**json.loads((copy / "manifest.json").read_text())["build"], "library": "../evil.so"})
+    change(
+        copy,
+        build={
+            **json.loads((copy / "manifest.json").read_text())["build"],
+            "library": "../evil.so",
+        },
+    )
     with pytest.raises(BuildError, match="file name"):
         load(copy)
 
@@ -143,7 +159,9 @@ def test_a_failed_compilation_leaves_everything_as_it_was(copy, monkeypatch, tmp
         return {**real(spec, *more), "src/elbow_bias.c": "int broken(void) { return; oops }\n"}
 
     monkeypatch.setattr("flexgen.codegen.emit.emit", broken)
-    with pytest.raises(BuildError, match=r"the C compiler failed; the directory is as it was before:\n.*error"):
+    with pytest.raises(
+        BuildError, match=r"the C compiler failed; the directory is as it was before:\n.*error"
+    ):
         generate("elbow", copy, functions=["bias", "gravity"])
     assert {path.name: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
     load(copy)
@@ -157,7 +175,8 @@ def test_compilers_are_found_and_checked(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(
-        BuildError, match=r"C compiler: given none, expected cc, .*install one.* build=False .* --no-build"
+        BuildError,
+        match=r"C compiler: given none, expected cc, .*install one.* build=False .* --no-build",
     ):
         generate("elbow", tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -171,7 +190,9 @@ def test_compilers_are_found_and_checked(monkeypatch, tmp_path):
         generate("elbow", tmp_path / "out")
     for text in (f"{CC} 'x", '"'):
         monkeypatch.setenv("CC", text)
-        with pytest.raises(BuildError, match=r"\$CC: given .*, expected a command \(no closing quotation\)"):
+        with pytest.raises(
+            BuildError, match=r"\$CC: given .*, expected a command \(no closing quotation\)"
+        ):
             generate("elbow", tmp_path / "out")
     broken = tmp_path / "broken"
     broken.write_text("no program")
@@ -190,12 +211,15 @@ def test_the_chosen_compiler_is_used(monkeypatch, tmp_path):
     lines: list[str] = []
     out = generate("elbow", tmp_path / "out", functions=["gravity"], progress=lines.append)
     assert lines == ["deriving elbow", "writing elbow", "compiling 2 files", "linking"]
-    levels = [flag for flag in manifest_of(out.directory)["build"]["flags"] if flag.startswith("-O")]
+    levels = [
+        flag for flag in manifest_of(out.directory)["build"]["flags"] if flag.startswith("-O")
+    ]
     assert levels == ["-O2", "-O1"]  # the last has priority
     monkeypatch.setenv("CC", str(CC))
     lines.clear()
     assert not generate("elbow", out.directory, functions=["gravity"], progress=lines.append).cached
-    assert lines[0].startswith("compiling") and lines[-1] == "linking"  # the sources are there: nothing is derived
+    # the sources are there: nothing is derived
+    assert lines[0].startswith("compiling") and lines[-1] == "linking"
     for text in (f"{CC} -g", f"{CC} -O2 -Wl,-rpath,x", f"{CC} -include x.h", f"{CC} @file"):
         monkeypatch.setenv("CC", text)
         with pytest.raises(BuildError, match=r"\$CC: given"):
@@ -217,11 +241,17 @@ def test_options_of_the_build_are_kept_apart(tmp_path):
         if ("openmp" in options and not has_openmp()) or ("isa" in options and not X86):
             continue
         out = generate("elbow", tmp_path, functions=["gravity"], **options)
-        assert not out.cached and generate("elbow", tmp_path, functions=["gravity"], **options).cached
+        assert (
+            not out.cached and generate("elbow", tmp_path, functions=["gravity"], **options).cached
+        )
         manifest = manifest_of(tmp_path)
         built = manifest["build"]
         assert manifest["precision"] == options.get("precision", "double")
-        assert ("-march=native" in built["flags"]) == (built["isa"] == "native") == ("isa" not in options)
+        assert (
+            ("-march=native" in built["flags"])
+            == (built["isa"] == "native")
+            == ("isa" not in options)
+        )
         assert built["native"] == options.get("native", False)
         assert ("-fopenmp" in built["flags"]) == built["openmp"] == options.get("openmp", False)
         assert ("-ffp-contract=off" in built["flags"]) != built["native"]
@@ -229,11 +259,15 @@ def test_options_of_the_build_are_kept_apart(tmp_path):
         seen.add((out.digest, built["identity"]))
     assert len(seen) >= 3
     for wrong in ("payload", [3]):
-        with pytest.raises(ArgumentError, match=r"parameters: given .*, expected a sequence of names"):
+        with pytest.raises(
+            ArgumentError, match=r"parameters: given .*, expected a sequence of names"
+        ):
             generate("elbow", tmp_path, parameters=wrong)
     with pytest.raises(ArgumentError, match="parameters: given together with equations"):
         generate(derive("elbow"), tmp_path, parameters=["payload"])
-    with pytest.raises(ArgumentError, match="precision: given 'half', expected one of double, single"):
+    with pytest.raises(
+        ArgumentError, match="precision: given 'half', expected one of double, single"
+    ):
         generate("elbow", tmp_path, precision="half")
 
 
@@ -249,7 +283,9 @@ def test_sources_only_keep_the_library_that_fits_them(tmp_path):
     assert not generate("elbow", tmp_path, functions=["gravity"], build=False).written
     assert library_of(tmp_path) in first.files
     other = generate("elbow", tmp_path, functions=["bias"], build=False)
-    assert other.written and not {".so", ".a", ".dylib"} & {path.suffix for path in tmp_path.iterdir()}
+    assert other.written and not {".so", ".a", ".dylib"} & {
+        path.suffix for path in tmp_path.iterdir()
+    }
 
 
 # --- the cache of objects ---------------------------------------------------------------------------------------------
@@ -270,14 +306,18 @@ def compiled(folder: Path, **options) -> str:
 def test_objects_are_compiled_once_for_all_directories(tmp_path, objects):
     assert compiled(tmp_path / "a") == "compiling 2 files"
     assert compiled(tmp_path / "b") == "compiling 0 files, 2 known"
-    assert [path.read_bytes() for path in sorted((tmp_path / "a").rglob("*")) if path.is_file()] == [
-        path.read_bytes() for path in sorted((tmp_path / "b").rglob("*")) if path.is_file()
-    ]
+    assert [
+        path.read_bytes() for path in sorted((tmp_path / "a").rglob("*")) if path.is_file()
+    ] == [path.read_bytes() for path in sorted((tmp_path / "b").rglob("*")) if path.is_file()]
     assert compiled(tmp_path / "b", force=True) == "compiling 2 files"
     assert compiled(tmp_path / "c", native=True) == "compiling 2 files"
     assert compiled(tmp_path / "d", precision="single") == "compiling 2 files"
     assert stat.S_IMODE(objects.stat().st_mode) == 0o700
-    assert all(len(path.stem) == 64 and path.suffix == ".o" for path in objects.iterdir() if path.name != "locks")
+    assert all(
+        len(path.stem) == 64 and path.suffix == ".o"
+        for path in objects.iterdir()
+        if path.name != "locks"
+    )
 
 
 def test_two_processes_that_need_the_same_library_compile_it_once(tmp_path, objects):
@@ -286,7 +326,9 @@ def test_two_processes_that_need_the_same_library_compile_it_once(tmp_path, obje
     with one_at_a_time(cache_folder(), "elbow"):  # until both of them are there
         processes = [
             subprocess.Popen(
-                [sys.executable, "-u", "-c", code, str(tmp_path / name)], stdout=subprocess.PIPE, text=True
+                [sys.executable, "-u", "-c", code, str(tmp_path / name)],
+                stdout=subprocess.PIPE,
+                text=True,
             )
             for name in "ab"
         ]
@@ -296,7 +338,9 @@ def test_two_processes_that_need_the_same_library_compile_it_once(tmp_path, obje
     assert said == ["compiling 0 files, 2 known", "compiling 2 files"]
 
 
-def keys(folder: Path, headers: dict[str, bytes], text: str = '#include "a.h"\n  # include "sub/b.h"\n') -> str:
+def keys(
+    folder: Path, headers: dict[str, bytes], text: str = '#include "a.h"\n  # include "sub/b.h"\n'
+) -> str:
     (folder / "one.c").write_text(text)
     return Objects("compiler", headers)._key(folder / "one.c")
 
@@ -310,7 +354,9 @@ def test_an_object_depends_on_what_its_source_includes(tmp_path, objects):
         assert keys(tmp_path, {**headers, name: headers[name] + b"/**/"}) != key
     unknown = '#include "x.h"\n'
     assert keys(tmp_path, {**headers, "d.h": b""}, unknown) != keys(tmp_path, headers, unknown)
-    assert Objects("other compiler", headers)._key(tmp_path / "one.c") != keys(tmp_path, headers, unknown)
+    assert Objects("other compiler", headers)._key(tmp_path / "one.c") != keys(
+        tmp_path, headers, unknown
+    )
     assert Objects("compiler", headers, lambda name: ["-O3"])._key(tmp_path / "one.c") != keys(
         tmp_path, headers, unknown
     )
@@ -321,7 +367,9 @@ def test_corrupted_objects_are_rejected(spoil, tmp_path, objects):
     compiled(tmp_path / "a")
     one, two = sorted(objects.glob("*.o"))
     first, second = one.read_bytes(), two.read_bytes()
-    one.write_bytes({"cut": first[:-9], "changed": first[:-1] + b"\1", "swapped": second, "empty": b""}[spoil])
+    one.write_bytes(
+        {"cut": first[:-9], "changed": first[:-1] + b"\1", "swapped": second, "empty": b""}[spoil]
+    )
     assert compiled(tmp_path / "b") == "compiling 1 files, 1 known"
     assert one.read_bytes() == first
     assert library_of(tmp_path / "b").read_bytes() == library_of(tmp_path / "a").read_bytes()
@@ -331,7 +379,10 @@ def test_a_cache_that_others_can_write_to_is_refused(tmp_path, objects, monkeypa
     objects.mkdir()
     for mode in (0o770, 0o707, 0o777, 0o1777):
         objects.chmod(mode)
-        with pytest.raises(BuildError, match=r"FLEXGEN_CACHE: given .* that you alone can write to \(others can write"):
+        with pytest.raises(
+            BuildError,
+            match=r"FLEXGEN_CACHE: given .* that you alone can write to \(others can write",
+        ):
             compiled(tmp_path / "a")
     below = tmp_path / "open"
     below.mkdir()
@@ -402,13 +453,16 @@ def test_equations_and_models_are_accepted(tmp_path, monkeypatch):
     first = generate(equations, functions=["gravity"])
     assert first.directory == Path("generated/elbow") and not first.cached
     lines: list[str] = []
-    assert generate(equations.model, functions=["gravity"], progress=lines.append).cached  # the same text
+    # the same text
+    assert generate(equations.model, functions=["gravity"], progress=lines.append).cached
     assert lines and not [line for line in lines if line.startswith("compiling")]
     assert not generate(equations.model, functions=["gravity"], force=True).cached
     with pytest.raises(ArgumentError, match="given int, expected a name"):
         generate(5)
     for wrong in (5, b"folder", "a\0b", ["x"]):
-        with pytest.raises(ArgumentError, match=r"directory: given .*, expected the path of a folder"):
+        with pytest.raises(
+            ArgumentError, match=r"directory: given .*, expected the path of a folder"
+        ):
             generate("elbow", wrong)
     variant = generate("planar5_nmp@undamped", functions=["gravity"], build=False)
     assert variant.directory == Path("generated/planar5_nmp_undamped")
@@ -417,7 +471,9 @@ def test_equations_and_models_are_accepted(tmp_path, monkeypatch):
 def test_a_changed_field_is_a_changed_model(tmp_path):
     model = read("elbow")
     first = generate(model, tmp_path, functions=["gravity"])
-    assert generate(dataclasses.replace(model, file="elsewhere.toml"), tmp_path, functions=["gravity"]).cached
+    assert generate(
+        dataclasses.replace(model, file="elsewhere.toml"), tmp_path, functions=["gravity"]
+    ).cached
     lunar = dataclasses.replace(model, gravity=tuple(x / 6 for x in model.gravity))
     second = generate(lunar, tmp_path, functions=["gravity"])
     assert second.digest != first.digest and not second.cached
@@ -425,5 +481,11 @@ def test_a_changed_field_is_a_changed_model(tmp_path):
 
 def test_the_public_verbs():
     assert flexgen.generate is generate and flexgen.load is load
-    for error in (errors.FlexgenError, errors.ModelError, ArgumentError, errors.SolverError, BuildError):
+    for error in (
+        errors.FlexgenError,
+        errors.ModelError,
+        ArgumentError,
+        errors.SolverError,
+        BuildError,
+    ):
         assert getattr(flexgen, error.__name__) is error and error.__name__ in flexgen.__all__

@@ -28,17 +28,26 @@ def sources(folder: Path, *functions: str, model: str = "elbow", **options) -> N
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
-@pytest.mark.parametrize("name", "elbow.h src/elbow.c CMakeLists.txt example.c src/elbow_gravity.c libelbow.a".split())
+@pytest.mark.parametrize(
+    "name", "elbow.h src/elbow.c CMakeLists.txt example.c src/elbow_gravity.c libelbow.a".split()
+)
 def test_files_of_others_are_not_replaced(tmp_path, name):
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_text("mine\n")
     (tmp_path / "notes.txt").write_text("mine, too\n")
     before = contents(tmp_path)
     for force in (False, True):
-        with pytest.raises(BuildError, match=rf"files that flexgen did not write \({name}\), .* choose another folder"):
+        with pytest.raises(
+            BuildError,
+            match=rf"files that flexgen did not write \({name}\), .* choose another folder",
+        ):
             sources(tmp_path, force=force)
     assert contents(tmp_path) == before
     (tmp_path / name).unlink()
@@ -54,7 +63,8 @@ def test_a_file_next_to_the_library_is_not_replaced_later(tmp_path):
     with pytest.raises(BuildError, match=r"did not write \(src/elbow_bias\.c\)"):
         sources(tmp_path, "gravity", "bias")
     assert contents(tmp_path) == before
-    (tmp_path / "src" / "elbow_gravity.c").write_text("changed\n")  # this one is listed: written anew
+    # this one is listed: written anew
+    (tmp_path / "src" / "elbow_gravity.c").write_text("changed\n")
     (tmp_path / "src" / "elbow_bias.c").unlink()
     sources(tmp_path, "gravity", "bias")
     assert b"changed" not in (tmp_path / "src" / "elbow_gravity.c").read_bytes()
@@ -65,14 +75,17 @@ def test_the_sources_of_another_model_are_not_deleted(tmp_path):
     before = contents(tmp_path)
     for model in ("elbow", "planar5_nmp@undamped"):
         with pytest.raises(
-            BuildError, match=r"a folder with the library 'planar5_nmp', expected an empty one or one of"
+            BuildError,
+            match=r"a folder with the library 'planar5_nmp', expected an empty one or one of",
         ):
             sources(tmp_path, model=model, force=True)
     assert contents(tmp_path) == before
     sources(tmp_path, "gravity", "bias", model="planar5_nmp")
 
 
-@pytest.mark.parametrize("text", ['{"files": {"main.c": "0"}}', "{}", "[]", "{", '{"name": "elbow", "generator": 5}'])
+@pytest.mark.parametrize(
+    "text", ['{"files": {"main.c": "0"}}', "{}", "[]", "{", '{"name": "elbow", "generator": 5}']
+)
 def test_the_manifest_of_another_program_is_not_replaced(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text)
     (tmp_path / "main.c").write_text("mine\n")
@@ -87,7 +100,10 @@ def test_a_lost_or_damaged_manifest_is_written_anew(tmp_path):
     whole = contents(tmp_path)
     manifest = json.loads(whole["manifest.json"])
     damaged = [b"{", None, b"\xff", json.dumps({**manifest, "files": 3}).encode()]
-    damaged += [json.dumps({**manifest, key: value}).encode() for key, value in (("functions", [1]), ("build", 7))]
+    damaged += [
+        json.dumps({**manifest, key: value}).encode()
+        for key, value in (("functions", [1]), ("build", 7))
+    ]
     for text in damaged:
         if text is None:
             (tmp_path / "manifest.json").unlink()
@@ -122,7 +138,10 @@ def test_a_full_disk_leaves_the_directory(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "write_text", full)
     for folder in ("old", "new"):
-        with pytest.raises(BuildError, match=r"cannot be written \(No space left on device\); .* free space or choose"):
+        with pytest.raises(
+            BuildError,
+            match=r"cannot be written \(No space left on device\); .* free space or choose",
+        ):
             sources(tmp_path / folder, "gravity", "bias")
     assert contents(tmp_path / "old") == before and not (tmp_path / "new").exists()
 

@@ -47,7 +47,9 @@ def plain(library) -> Inversion:
     return library.invert(**given())
 
 
-def expected(t: np.ndarray, tau: np.ndarray, hold: str, delay: float, limited: bool = False) -> np.ndarray:
+def expected(
+    t: np.ndarray, tau: np.ndarray, hold: str, delay: float, limited: bool = False
+) -> np.ndarray:
     """What Python sends at the samples."""
     time, values = hold_torque(t, tau, hold, PERIOD, delay * PERIOD, limited=limited)
     first = int(np.argmin(np.abs(time - t[0])))
@@ -69,7 +71,11 @@ def locally(tau: np.ndarray, hold: str, delay: float) -> np.ndarray:
     values = np.zeros_like(long)
     for k in range(2, len(long) - 4):
         zoh = hold == "zoh"
-        values[k] = mean(k, x, 1) + mean(k + 1, 0, x) if zoh else BarycentricInterpolator(near, long[k + near])(x)
+        values[k] = (
+            mean(k, x, 1) + mean(k + 1, 0, x)
+            if zoh
+            else BarycentricInterpolator(near, long[k + near])(x)
+        )
     second = np.diff(values, 2, axis=0)
     sent = values[2:-2].copy()
     if hold != "spline":
@@ -96,7 +102,9 @@ def stream_of(library, updates: int = 160, each: int = 5, **options: Any) -> tup
     for k in range(1, updates + 1):
         at = min(k * each, ends)
         inside = 1.0 if k * each <= ends else 0.0
-        tau.append(stream.update(path["y"][at], inside * path["dy"][at], inside * path["ddy"][at]).tau_m)
+        tau.append(
+            stream.update(path["y"][at], inside * path["dy"][at], inside * path["ddy"][at]).tau_m
+        )
     return np.concatenate(tau), stream
 
 
@@ -106,7 +114,10 @@ def test_invert_gives_the_torques_of_python(library, plain, hold, delay):
     size = np.abs(plain.tau_m).max()
     assert np.abs(found.tau_m - locally(plain.tau_m, hold, delay)).max() < ROUNDING * size
     assert np.abs(found.tau_m - expected(plain.t, plain.tau_m, hold, delay)).max() < SAME * size
-    assert np.abs(found.tau_m - plain.tau_m).max() > 1e3 * SAME * size or (hold, delay) == ("linear", 0.0)
+    assert np.abs(found.tau_m - plain.tau_m).max() > 1e3 * SAME * size or (hold, delay) == (
+        "linear",
+        0.0,
+    )
     assert (found.tau_m[-1] == plain.tau_m[-1]).all()
     for name in CHANNELS:
         assert np.array_equal(getattr(found, name), getattr(plain, name))
@@ -120,7 +131,8 @@ def test_a_spline_without_delay_changes_no_bit(library, plain):
 @pytest.mark.slow
 def test_bvp_gives_held_torques(plain):
     found, same = (
-        loaded(MODEL, "bvp").bvp(**given(), **options).tau_m for options in ({"hold": "zoh", "delay": 0.5}, {})
+        loaded(MODEL, "bvp").bvp(**given(), **options).tau_m
+        for options in ({"hold": "zoh", "delay": 0.5}, {})
     )
     size = np.abs(same).max()
     assert np.abs(found - expected(plain.t, same, "zoh", 0.5)).max() < SAME * size
@@ -142,7 +154,10 @@ def test_a_stream_with_limits_does_not_take_the_second_difference(library):
     """Infinite limits modify nothing; the held torques are the means, which keep any limit."""
     path = samples()
     options = {"period": 5 * PERIOD, "intervals": 40, "samples_per_interval": 5}
-    streams = [library.stream(path["y"][0], path["q_start"], **options, **more) for more in ({}, {"hold": "zoh"})]
+    streams = [
+        library.stream(path["y"][0], path["q_start"], **options, **more)
+        for more in ({}, {"hold": "zoh"})
+    ]
     found: list[list[np.ndarray]] = [[], []]
     for stream, results in zip(streams, found, strict=True):
         stream.limit()
@@ -165,7 +180,9 @@ def test_the_tool_follows_under_the_torques_of_c(library, plain, hold, largest):
     found = library.invert(**given(), hold=hold)
     names = solution.trajectory.labels["tau_m"]
     channels = {name: getattr(plain, name) for name in ("q_a", "q_m", "tau_m")}
-    channels["y_ref"] = samples()["y"][np.clip(np.arange(len(plain.t)) - 100, 0, len(samples()["y"]) - 1)]
+    channels["y_ref"] = samples()["y"][
+        np.clip(np.arange(len(plain.t)) - 100, 0, len(samples()["y"]) - 1)
+    ]
     trajectory = flexgen.Trajectory(
         plain.t,
         channels,
@@ -229,7 +246,10 @@ def test_a_stream_in_c_refuses_invalid_holds_and_delays(library, hold, delay):
     path, memory = samples(), np.full(size, -7.25)
     stream = struct_of(entries.structs["stream"], memory=memory, size=size)
     start = [ctypes.byref(stream), ctypes.byref(refused)]
-    assert entries.start(*start, pointer(path["y"][0].copy()), pointer(path["q_start"])) == BAD_ARGUMENT
+    assert (
+        entries.start(*start, pointer(path["y"][0].copy()), pointer(path["q_start"]))
+        == BAD_ARGUMENT
+    )
     assert (memory == -7.25).all()
 
 
@@ -241,12 +261,21 @@ def test_a_solver_in_c_refuses_invalid_holds_and_delays(name, hold, delay):
     tau = np.full((len(path["y"]), sizes["n_m"]), -7.25)
     arrays = {key: np.ascontiguousarray(path[key]) for key in ("y", "dy", "ddy", "q_start")}
     given_path = {key: arrays[key].ctypes.data for key in ("y", "dy", "ddy")}
-    whole = {"n_pre": 0, "n_post": 0, "samples_per_interval": 5, "tolerance": 1e-6, "hold": hold, "delay": delay}
+    whole = {
+        "n_pre": 0,
+        "n_post": 0,
+        "samples_per_interval": 5,
+        "tolerance": 1e-6,
+        "hold": hold,
+        "delay": delay,
+    }
     inversion_options = struct_of(entries.structs["inversion_options"], **whole)
     inverter = getattr(library, name)
     room = np.zeros(inverter._work(ctypes.c_int(len(tau)), ctypes.byref(inversion_options)))
     status = inverter._entry(
-        ctypes.byref(struct_of(entries.structs["samples"], n=len(tau), period=PERIOD, **given_path)),
+        ctypes.byref(
+            struct_of(entries.structs["samples"], n=len(tau), period=PERIOD, **given_path)
+        ),
         pointer(arrays["q_start"]),
         ctypes.byref(inversion_options),
         ctypes.byref(struct_of(entries.structs["motion"], tau_m=tau)),
@@ -262,11 +291,16 @@ def test_a_solver_in_c_refuses_invalid_holds_and_delays(name, hold, delay):
 def test_a_delay_beyond_the_horizon_is_reported(library, intervals, hold):
     """One sample per interval, and a delay of four: with 15 samples ahead the torques depend on known samples only."""
     path = samples()
-    stream = library.stream(path["y"][0], path["q_start"], period=PERIOD, intervals=intervals, hold=hold, delay=4.0)
+    stream = library.stream(
+        path["y"][0], path["q_start"], period=PERIOD, intervals=intervals, hold=hold, delay=4.0
+    )
     zero = 0 * path["dy"][0]
     rest = [stream.update(path["y"][0], zero, zero) for _ in range(20)]
     assert all(interval.converged for interval in rest)
     assert np.ptp([interval.tau_m for interval in rest], axis=0).max() < 1e-9
-    moving = [stream.update(*(path[key][k] for key in ("y", "dy", "ddy"))) for k in range(1, len(path["y"]) - 1)]
+    moving = [
+        stream.update(*(path[key][k] for key in ("y", "dy", "ddy")))
+        for k in range(1, len(path["y"]) - 1)
+    ]
     assert {interval.converged for interval in moving[50:-50]} == {intervals > 15}
     assert np.isfinite([interval.tau_m for interval in moving]).all()

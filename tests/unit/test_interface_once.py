@@ -20,12 +20,16 @@ from flexgen.simulation.hold_names import HoldName
 
 SOURCE = ROOT / "flexgen"
 ROWS = SOURCE / "codegen" / "interface.py"
-OF_RUNTIME = ("CONFIGURATIONS_MAX", "STARTS", "STARTS_MAX", "TOLERANCES")  # numbers that C and Python have
-NUMBERS = {status.name: status.code for status in STATUSES} | {limit.name: limit.value for limit in LIMITS}
+# numbers that C and Python have
+OF_RUNTIME = ("CONFIGURATIONS_MAX", "STARTS", "STARTS_MAX", "TOLERANCES")
+NUMBERS = {status.name: status.code for status in STATUSES} | {
+    limit.name: limit.value for limit in LIMITS
+}
 NUMBERS |= {name: getattr(identity, name) for name in OF_RUNTIME}
 CODES = {status.code for status in STATUSES if status.code}
 MEMBERS = {frozenset(enum.names): enum.name for enum in ENUMS}
-OWN_NAMES = SOURCE / "simulation" / "hold_names.py"  # of the simulation, for type checkers; compared below
+# of the simulation, for type checkers; compared below
+OWN_NAMES = SOURCE / "simulation" / "hold_names.py"
 
 
 def _value(node: ast.expr | None) -> object:
@@ -51,7 +55,9 @@ def _compared(node: ast.AST) -> Iterable[str]:
     """The numbers that a status is compared with."""
     if isinstance(node, ast.Compare):
         for other in node.comparators:
-            for entry in other.elts if isinstance(other, ast.Tuple | ast.Set | ast.List) else [other]:
+            for entry in (
+                other.elts if isinstance(other, ast.Tuple | ast.Set | ast.List) else [other]
+            ):
                 value = _value(entry)
                 if isinstance(value, int) and value in CODES and "status" in ast.unparse(node.left):
                     yield f"status {ast.unparse(entry)}"
@@ -76,10 +82,19 @@ def restated(text: str) -> list[str]:
 
 @pytest.mark.slow
 def test_no_module_states_a_number_or_the_members_of_an_enum_again():
-    modules = [path for path in SOURCE.rglob("*.py") if path not in (ROWS, OWN_NAMES, Path(identity.__file__))]
-    again = {str(path.relative_to(SOURCE)): restated(path.read_text(encoding="utf-8")) for path in modules}
-    assert again.pop("runtime/stream.py") == ["cause"]  # what Python calls them, by the names of the members
-    assert again.pop("servo/samples.py") == ["interpolation"] * 2  # for type checkers, and the formula of each
+    modules = [
+        path
+        for path in SOURCE.rglob("*.py")
+        if path not in (ROWS, OWN_NAMES, Path(identity.__file__))
+    ]
+    again = {
+        str(path.relative_to(SOURCE)): restated(path.read_text(encoding="utf-8"))
+        for path in modules
+    }
+    # what Python calls them, by the names of the members
+    assert again.pop("runtime/stream.py") == ["cause"]
+    # for type checkers, and the formula of each
+    assert again.pop("servo/samples.py") == ["interpolation"] * 2
     assert {name: found for name, found in again.items() if found} == {}
 
 
@@ -116,8 +131,21 @@ CALLS = {
     "inversion_limits": (LimitedInverter.__call__,),
     "stream_options": (Stream.__init__,),
 }
-OWN = {"deviation", "torque_speed_points"}  # of the limits: an array of the caller, and the size of one
-NOT_OPTIONS = {"y", "dy", "ddy", "force", "period", "q_start", "parameters", "servo", "self", "sizes", "entries"}
+# of the limits: an array of the caller, and the size of one
+OWN = {"deviation", "torque_speed_points"}
+NOT_OPTIONS = {
+    "y",
+    "dy",
+    "ddy",
+    "force",
+    "period",
+    "q_start",
+    "parameters",
+    "servo",
+    "self",
+    "sizes",
+    "entries",
+}
 
 
 def different_options(struct: str, parameters: Mapping[str, inspect.Parameter]) -> list[str]:
@@ -126,7 +154,11 @@ def different_options(struct: str, parameters: Mapping[str, inspect.Parameter]) 
     for name, field in FIELDS[struct].items():
         parameter = parameters.get(name)
         expected = {"HOLD_SPLINE": "spline", "tolerance": "None"}.get(field.default, field.default)
-        expected = "False" if parameter is not None and parameter.default is False and expected == "0" else expected
+        expected = (
+            "False"
+            if parameter is not None and parameter.default is False and expected == "0"
+            else expected
+        )
         if parameter is None:
             found += [name] if name not in OWN else []
         elif expected and not expected.startswith("STREAM_") and str(parameter.default) != expected:
@@ -139,7 +171,9 @@ def test_options_in_python_are_those_of_the_c_struct_with_its_defaults(struct):
     for function in CALLS[struct]:
         parameters = inspect.signature(function).parameters
         assert different_options(struct, parameters) == []
-        documented = FIELDS["inversion_options"] | FIELDS["inversion_limits"] | FIELDS["stream_options"]
+        documented = (
+            FIELDS["inversion_options"] | FIELDS["inversion_limits"] | FIELDS["stream_options"]
+        )
         assert set(parameters) - NOT_OPTIONS <= set(documented)
     assert different_options(struct, {}) == [name for name in FIELDS[struct] if name not in OWN]
 
@@ -148,7 +182,9 @@ def test_a_planted_default_is_found():
     def planted(samples_per_interval: int = 2, delay: float = 0.0) -> None: ...
 
     found = different_options("inversion_options", inspect.signature(planted).parameters)
-    assert "samples_per_interval = 2, in C 1" in found and not any(text.startswith("delay") for text in found)
+    assert "samples_per_interval = 2, in C 1" in found and not any(
+        text.startswith("delay") for text in found
+    )
 
 
 @pytest.mark.parametrize(
@@ -162,4 +198,6 @@ def test_results_in_python_have_all_members_that_c_reports(result, structs):
 
 
 def test_tolerances_of_the_runtime_are_those_of_the_rows():
-    assert {kind: tolerance_of(identity.REALS[kind]) for kind in identity.REALS} == identity.TOLERANCES
+    assert {
+        kind: tolerance_of(identity.REALS[kind]) for kind in identity.REALS
+    } == identity.TOLERANCES

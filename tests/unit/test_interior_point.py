@@ -45,7 +45,9 @@ BUG = ("sums[k] += load_v(a + j + k * LANES)", "sums[k] += 1.01 * load_v(a + j +
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[[bool], Callable[..., np.ndarray]]:
+def program(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[bool], Callable[..., np.ndarray]]:
     """The program in C, compiled by itself; True: with a planted bug in the factorization."""
 
     @cache
@@ -56,16 +58,30 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[[bool], Callab
         (folder / "model_inversion_common.h").write_text(SHIM + VECTORS + "static inline real sum_v(lanes v)\n{\n"
             "    return v[0] + v[1] + v[2] + v[3];\n}\n")  # fmt: skip
         qp = section("limits.h", "A small quadratic program")
-        text = "\n".join(['#include "model_inversion_common.h"', qp, text.replace(*BUG) if wrong else text])
+        text = "\n".join(
+            ['#include "model_inversion_common.h"', qp, text.replace(*BUG) if wrong else text]
+        )
         (folder / "model_interior_point.h").write_text(text)
         (folder / "call.c").write_text(CALL)
         compiler = find_compiler()
         assert compiler is not None
-        command = [*compiler.command, "-std=gnu99", "-O2", "-shared", "-fPIC", "call.c", "-lm", "-o", "call.so"]
+        command = [
+            *compiler.command,
+            "-std=gnu99",
+            "-O2",
+            "-shared",
+            "-fPIC",
+            "call.c",
+            "-lm",
+            "-o",
+            "call.so",
+        ]
         subprocess.run(command, cwd=folder, check=True)
         run = ctypes.CDLL(str(folder / "call.so")).run
 
-        def solved(H: np.ndarray, g: np.ndarray, A: np.ndarray, x: np.ndarray) -> tuple[int, np.ndarray, float]:
+        def solved(
+            H: np.ndarray, g: np.ndarray, A: np.ndarray, x: np.ndarray
+        ) -> tuple[int, np.ndarray, float]:
             rows, n = A.shape
             stride = (n + 1 + 7) // 8 * 8
             padded = np.zeros((rows + 1, stride))
@@ -130,6 +146,8 @@ def test_a_wrong_factorization_is_seen(program, seed: int) -> None:
 
 def test_limits_that_exclude_each_other_are_exceeded_alike(program) -> None:
     # z <= -1 and z >= 1 at once: both are exceeded by one, whatever z costs
-    ok, z, exceeded = program(False)(np.eye(1), np.array([-0.25]), np.array([[1.0], [-1.0]]), np.array([2.0, 2.0]))
+    ok, z, exceeded = program(False)(
+        np.eye(1), np.array([-0.25]), np.array([[1.0], [-1.0]]), np.array([2.0, 2.0])
+    )
     assert ok == 1
     assert exceeded == pytest.approx(1.0, abs=1e-5) and z[0] == pytest.approx(0.0, abs=1e-5)

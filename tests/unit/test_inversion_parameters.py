@@ -28,7 +28,8 @@ CHANGES = {
     "element.arm3.dof.q3.damping": 120.0,
 }
 KEPT = 1e-10  # of the largest torque: rounding, times what the horizon makes of it
-ROUNDING = 1e-9  # of the largest value: the operations are in another order, and Newton's method stops at 1e-6
+# of the largest value: the operations are in another order, and Newton's method stops at 1e-6
+ROUNDING = 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +40,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> FilePath:
 @pytest.fixture(scope="module")
 def flexible(folder: FilePath) -> Library:
     flexgen.generate(
-        MODEL, directory=folder / "flexible", parameters=["payload", "stiffness", "damping"], parts=["bvp"]
+        MODEL,
+        directory=folder / "flexible",
+        parameters=["payload", "stiffness", "damping"],
+        parts=["bvp"],
     )
     return flexgen.load(folder / "flexible")
 
 
 @pytest.fixture(scope="module")
 def baked(folder: FilePath) -> Library:
-    flexgen.generate(flexgen.read(MODEL, overrides=CHANGES), directory=folder / "baked", parts=["bvp"])
+    flexgen.generate(
+        flexgen.read(MODEL, overrides=CHANGES), directory=folder / "baked", parts=["bvp"]
+    )
     return flexgen.load(folder / "baked")
 
 
@@ -62,7 +68,12 @@ def stream_torques(library: Library, renewed: bool = False, **options) -> np.nda
     """Torques of a move; ``renewed``: the same parameters are set before each update, so that it keeps no factor."""
     path, each = samples(), 5
     stream = library.stream(
-        path["y"][0], path["q_start"], period=each * PERIOD, intervals=20, samples_per_interval=each, **options
+        path["y"][0],
+        path["q_start"],
+        period=each * PERIOD,
+        intervals=20,
+        samples_per_interval=each,
+        **options,
     )
     last = len(path["y"]) - 1
     found = []
@@ -70,7 +81,9 @@ def stream_torques(library: Library, renewed: bool = False, **options) -> np.nda
         at, moves = min(k, last), float(k <= last)
         if renewed:
             stream.set_parameters(library.parameters)
-        found.append(stream.update(path["y"][at], moves * path["dy"][at], moves * path["ddy"][at]).tau_m)
+        found.append(
+            stream.update(path["y"][at], moves * path["dy"][at], moves * path["ddy"][at]).tau_m
+        )
     return np.concatenate(found)
 
 
@@ -86,11 +99,22 @@ def test_six_axes(tmp_path):
     equations = flexgen.derive("manutec_r3_24")
     path = Path(equations, equations.model.move())
     y = path_samples(Reduction(equations), path, PERIOD, 1001)
-    more = {"period": PERIOD, "q_start": path.q_start, "n_pre": 150, "n_post": 300, "samples_per_interval": 10}
+    more = {
+        "period": PERIOD,
+        "q_start": path.q_start,
+        "n_pre": 150,
+        "n_post": 300,
+        "samples_per_interval": 10,
+    }
     want, other = baked.invert(*y, **more), flexible.invert(*y, **more)
     found = flexible.invert(*y, **more, parameters=values)
     size = np.abs(want.tau_m).max()
-    assert np.abs(found.tau_m - want.tau_m).max() < 1e-8 * size < 1e-3 * size < np.abs(other.tau_m - want.tau_m).max()
+    assert (
+        np.abs(found.tau_m - want.tau_m).max()
+        < 1e-8 * size
+        < 1e-3 * size
+        < np.abs(other.tau_m - want.tau_m).max()
+    )
 
 
 @pytest.mark.parametrize("solver", ["invert", "bvp"])
@@ -129,7 +153,12 @@ def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
 
     def stream_at_rest(library: Library, **options):
         return library.stream(
-            path["y"][0], path["q_start"], period=each * PERIOD, intervals=20, samples_per_interval=each, **options
+            path["y"][0],
+            path["q_start"],
+            period=each * PERIOD,
+            intervals=20,
+            samples_per_interval=each,
+            **options,
         )
 
     def updates(stream, count: int) -> np.ndarray:
@@ -141,7 +170,11 @@ def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
     for twin in (copy.copy(stream), pickle.loads(pickle.dumps(stream))):
         twin.set_parameters(values)
         after, held = updates(twin, 2), updates(with_payload, 1)[-1]  # at once
-        assert np.abs(after - held).max() < ROUNDING * np.abs(held).max() < np.abs(held - before[-1]).max()
+        assert (
+            np.abs(after - held).max()
+            < ROUNDING * np.abs(held).max()
+            < np.abs(held - before[-1]).max()
+        )
     assert np.abs(updates(stream, 1)[-1] - before[-1]).max() < 1e-9
 
 
@@ -150,7 +183,8 @@ def test_the_move_after_a_changed_payload_is_that_of_a_new_stream(flexible, valu
     path, each = samples(), 5
     options = {"period": each * PERIOD, "intervals": 20, "samples_per_interval": each}
     resting, moving, new = (
-        flexible.stream(path["y"][0], path["q_start"], **options, **given) for given in ({}, {}, {"parameters": values})
+        flexible.stream(path["y"][0], path["q_start"], **options, **given)
+        for given in ({}, {}, {"parameters": values})
     )
     resting.set_parameters(values)
     last = len(path["y"]) - 1
@@ -182,7 +216,9 @@ def test_numbers_that_no_model_file_may_have_are_refused(flexible, values, name,
     stream = flexible.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20)
     for call in (
         lambda: stream.set_parameters(bad),
-        lambda: flexible.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20, parameters=bad),
+        lambda: flexible.stream(
+            path["y"][0], path["q_start"], period=5e-3, intervals=20, parameters=bad
+        ),
         lambda: flexible.invert(**given(), parameters=bad),
         lambda: flexible.invert_many(**one, parameters=np.stack([values, bad])),
     ):
@@ -192,7 +228,10 @@ def test_numbers_that_no_model_file_may_have_are_refused(flexible, values, name,
 
 
 def test_invalid_sets_of_parameters_are_refused(flexible, baked, values):
-    for bad, words in ((values[:-1], "parameters: given shape"), (["a"] * len(values), "parameters: given")):
+    for bad, words in (
+        (values[:-1], "parameters: given shape"),
+        (["a"] * len(values), "parameters: given"),
+    ):
         with pytest.raises(ArgumentError, match=words):
             flexible.invert(**given(), parameters=bad)
     with pytest.raises(ArgumentError, match="not finite"):
@@ -201,7 +240,9 @@ def test_invalid_sets_of_parameters_are_refused(flexible, baked, values):
         baked.invert(**given(), parameters=values)
     path = samples()
     with pytest.raises(ArgumentError, match="not finite"):
-        flexible.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20, parameters=values + np.inf)
+        flexible.stream(
+            path["y"][0], path["q_start"], period=5e-3, intervals=20, parameters=values + np.inf
+        )
 
 
 def test_a_stream_of_a_closed_library_is_closed(folder, flexible):
@@ -222,6 +263,10 @@ def test_a_stream_of_a_closed_library_is_closed(folder, flexible):
 def test_generate_names_missing_functions(tmp_path, capfd):
     model = ["generate", "planar5_nmp", "--no-build"]
     assert main([*model, "--single", "--with", "bvp", "--out", str(tmp_path / "single")]) != 0
-    assert "given 'bvp', but it is in double precision only" in " ".join(capfd.readouterr().err.split())
+    assert "given 'bvp', but it is in double precision only" in " ".join(
+        capfd.readouterr().err.split()
+    )
     assert main([*model, "--functions", "gravity", "--out", str(tmp_path / "few")]) == 0
-    assert "invert and stream, because they need the functions" in " ".join(capfd.readouterr().out.split())
+    assert "invert and stream, because they need the functions" in " ".join(
+        capfd.readouterr().out.split()
+    )

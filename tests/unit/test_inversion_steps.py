@@ -34,7 +34,9 @@ def channels(model: Any, **values: np.ndarray) -> Trajectory:
     widths |= dict.fromkeys(("q_m", "v_m", "a_m", "tau_m", "tau_g"), model.n_m)
     found = {name: np.zeros((len(T), n)) for name, n in widths.items()} | values
     ports = {name: Port(name, (x.shape[1],), "rad", "made up") for name, x in found.items()}
-    return Trajectory(T, found, ports, {n: tuple(f"{k}" for k in range(x.shape[1])) for n, x in found.items()}, {})
+    return Trajectory(
+        T, found, ports, {n: tuple(f"{k}" for k in range(x.shape[1])) for n, x in found.items()}, {}
+    )
 
 
 HERTZ = ("position_hz", "speed_hz", "integral_hz")
@@ -54,13 +56,19 @@ def made(model: Any, trajectory: Trajectory | None = None, **values: Any) -> Sol
         "preactuation_s": 0.1,
         "simulation": None,
     }
-    return Solution(model, model.moves[0], trajectory=trajectory or channels(model), **{**fixed, **values})
+    return Solution(
+        model, model.moves[0], trajectory=trajectory or channels(model), **{**fixed, **values}
+    )
 
 
 def simulated(model: Any, error: np.ndarray | None = None, **values: Any) -> Simulation:
     """A simulation with made-up figures."""
     more = {} if error is None else {"error": error}
-    fixed: dict[str, Any] = {"tool_error_max_m": 1e-7, "tool_error_max_rad": None, "energy_error": 1e-9}
+    fixed: dict[str, Any] = {
+        "tool_error_max_m": 1e-7,
+        "tool_error_max_rad": None,
+        "energy_error": 1e-9,
+    }
     return Simulation(
         channels(model, **more),
         torque_max_Nm=1.0,
@@ -83,7 +91,12 @@ class Problem(Made):
             "verify": True,
             "accuracy": 1e-5,
         }
-        fixed |= {"path": Made(duration=2.0, segments=()), "gear_settling": 0.0, "windows": (0.1, 0.2), "options": {}}
+        fixed |= {
+            "path": Made(duration=2.0, segments=()),
+            "gear_settling": 0.0,
+            "windows": (0.1, 0.2),
+            "options": {},
+        }
         super().__init__(**{**fixed, **values})
         self.texts: list[str] = []
 
@@ -91,7 +104,9 @@ class Problem(Made):
         self.texts.append(text)
 
 
-def test_the_mesh_is_halved_until_the_verification_is_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_mesh_is_halved_until_the_verification_is_passed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     model = flexgen.read("planar5_nmp")
     steps: list[float] = []
     worst = iter([3e-5, 9e-5, 1e-5])
@@ -105,25 +120,37 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(monkeypatch: pytest
         return verification.Verification(run, (2e-6, None), 5e-7, next(worst))
 
     monkeypatch.setattr(solve, "run_method", method)
-    monkeypatch.setattr(solve, "make_solution", lambda problem, name, h: made(model, warnings=(f"{h:g}",)))
+    monkeypatch.setattr(
+        solve, "make_solution", lambda problem, name, h: made(model, warnings=(f"{h:g}",))
+    )
     monkeypatch.setattr(solve, "verify_by_simulation", verified)
     problem, reached = Problem(), BestSolution()
     found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
     h = max(min(0.02, solve.LONGEST), 2.0 / 5000)
     assert steps == [h, h / 2, h / 4]
-    assert (found.plan_error_max_m, found.plan_error_max_rad, found.path_distance_max_m) == (2e-6, None, 5e-7)
+    assert (found.plan_error_max_m, found.plan_error_max_rad, found.path_distance_max_m) == (
+        2e-6,
+        None,
+        5e-7,
+    )
     assert found.warnings == (f"{h / 4:g}", "rough") and found.status == Status.SOLVED
     assert problem.texts == [
         f"verified error {w:.2e} is above 1e-05 [rad, and m for each meter of reach]: halving the mesh"
         for w in (3e-5, 9e-5)
     ]
     # the best of all meshes, with the reason, where none passes; a given mesh is taken as it is
-    for name, errors in (("lq", [4e-2, 3e-2, 9e-2]), ("bvp", [4e-5, 3e-5, 9e-5]), ("lq", [4e-5, 3e-5, 9e-4, 5e-5])):
+    for name, errors in (
+        ("lq", [4e-2, 3e-2, 9e-2]),
+        ("bvp", [4e-5, 3e-5, 9e-5]),
+        ("lq", [4e-5, 3e-5, 9e-4, 5e-5]),
+    ):
         steps.clear()
         worst = iter(errors)
         found = solve._refine(problem, find_method(name), reached)  # type: ignore[arg-type]
         assert found.status == Status.TOLERANCE_NOT_MET and found.warnings[0] == f"{h / 2:g}"
-        missed = f"verified error {errors[1]:.2e} is above 1e-05 [rad, and m for each meter of reach]"
+        missed = (
+            f"verified error {errors[1]:.2e} is above 1e-05 [rad, and m for each meter of reach]"
+        )
         assert found.details == {"missed": missed}
         assert len(steps) == len(errors)  # one more mesh where lq has nearly converged
     steps.clear()
@@ -146,7 +173,9 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(monkeypatch: pytest
         ([0.1, None], [1e-6], 0),  # the method fails on the second
     ],
 )
-def test_a_mesh_that_does_not_resolve_the_torques_is_halved(estimates, errors, kept, monkeypatch) -> None:
+def test_a_mesh_that_does_not_resolve_the_torques_is_halved(
+    estimates, errors, kept, monkeypatch
+) -> None:
     """An accepted solution is never lost. Planted: torques that are resolved, which are taken at once."""
     model, finest = flexgen.read("planar5_nmp"), solve.INTERVALS
     rest, worst = iter(estimates), iter(errors)
@@ -155,15 +184,23 @@ def test_a_mesh_that_does_not_resolve_the_torques_is_halved(estimates, errors, k
         error = next(rest)
         if error is None:
             raise SolverError("singular pose")
-        return made(model, intervals=intervals, details={"converged": error == 0.0, "torque_error": error})
+        return made(
+            model, intervals=intervals, details={"converged": error == 0.0, "torque_error": error}
+        )
 
     monkeypatch.setattr(solve, "run_method", lambda *_: None)
     monkeypatch.setattr(solve, "make_solution", made_next)
     monkeypatch.setattr(
-        solve, "verify_by_simulation", lambda *_: verification.Verification(simulated(model), None, None, next(worst))
+        solve,
+        "verify_by_simulation",
+        lambda *_: verification.Verification(simulated(model), None, None, next(worst)),
     )
     found = solve._refine(Problem(), find_method("lq"), BestSolution())  # type: ignore[arg-type]
-    assert found is not None and found.status == Status.SOLVED and found.details["torque_error"] == estimates[kept]
+    assert (
+        found is not None
+        and found.status == Status.SOLVED
+        and found.details["torque_error"] == estimates[kept]
+    )
     assert bool(found.warnings) == (estimates[kept] != 0.0)
     for planted, first in (([0.0, 0.1], 100), (estimates, finest + 1)):
         rest, worst, reached = iter(planted), iter([1e-6]), BestSolution()
@@ -181,7 +218,9 @@ def test_the_end_of_the_time_limit_leaves_an_accepted_solution() -> None:
     assert reached.finish("simulation", 1.0).status == Status.TOLERANCE_NOT_MET
 
 
-def test_a_time_limit_that_ends_after_the_verification_accepts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_time_limit_that_ends_after_the_verification_accepts_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The torques of a controller may be checked after it."""
     model = flexgen.read("planar5_nmp")
     reached = BestSolution(accepted=made(model))
@@ -194,14 +233,18 @@ def test_without_verification_the_residual_decides(monkeypatch: pytest.MonkeyPat
     model = flexgen.read("planar5_nmp")
     residuals = iter([1e-2, solve.RESIDUAL])
     monkeypatch.setattr(solve, "run_method", lambda *_: None)
-    monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, residual_relative=next(residuals)))
+    monkeypatch.setattr(
+        solve, "make_solution", lambda *_: made(model, residual_relative=next(residuals))
+    )
     problem, reached = Problem(verify=False), BestSolution()
     found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
     assert found.residual_relative == solve.RESIDUAL and problem.texts == [
         "relative residual 1.0e-02: halving the mesh"
     ]
     residuals = iter([1e-2] * solve.ATTEMPTS)
-    with pytest.raises(SolverError, match=r"method lq: .* residual 0\.125 N m, relative residual 1\.0e-02; switch"):
+    with pytest.raises(
+        SolverError, match=r"method lq: .* residual 0\.125 N m, relative residual 1\.0e-02; switch"
+    ):
         solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
 
 
@@ -209,12 +252,19 @@ def test_the_residual_that_is_small_depends_on_the_method() -> None:
     model = flexgen.read("planar5_nmp")
     for method, bound in (("lq", solve.RESIDUAL), ("full", solve.RIPPLE)):
         assert solve.residual_is_small(made(model, method=method, residual_relative=bound))
-        assert not solve.residual_is_small(made(model, method=method, residual_relative=bound * 1.0001))
+        assert not solve.residual_is_small(
+            made(model, method=method, residual_relative=bound * 1.0001)
+        )
     assert solve.residual_is_small(made(model, status=Status.BASELINE, residual_relative=1.0))
     assert solve.RIPPLE != solve.RESIDUAL
     assert solve._with_ripple(made(model, residual_relative=solve.RIPPLE)).warnings == ()
-    warnings = solve._with_ripple(made(model, residual_relative=2 * solve.RIPPLE, warnings=("a",))).warnings
-    assert warnings[0] == "a" and f"relative residual {2 * solve.RIPPLE:.1e} between them" in warnings[1]
+    warnings = solve._with_ripple(
+        made(model, residual_relative=2 * solve.RIPPLE, warnings=("a",))
+    ).warnings
+    assert (
+        warnings[0] == "a"
+        and f"relative residual {2 * solve.RIPPLE:.1e} between them" in warnings[1]
+    )
 
 
 @pytest.mark.parametrize(
@@ -230,7 +280,10 @@ def test_under_a_feedback_the_residual_or_the_defect_is_small(
     residual: float, defect: float, guided: bool, status: Status, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = flexgen.read("planar5_nmp")
-    run = simulated(model, feedback=MotorFeedback(*4 * (np.ones(2),), dict.fromkeys(HERTZ, 1.0)) if guided else None)
+    run = simulated(
+        model,
+        feedback=MotorFeedback(*4 * (np.ones(2),), dict.fromkeys(HERTZ, 1.0)) if guided else None,
+    )
     checked = verification.Verification(run, None, None, 1e-6, defect)
     monkeypatch.setattr(solve, "run_method", lambda *_: None)
     monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, residual_relative=residual))
@@ -241,18 +294,25 @@ def test_under_a_feedback_the_residual_or_the_defect_is_small(
 
 def test_a_refusal_names_what_is_off() -> None:
     problem = Problem()
-    assert solve._refusal(problem, 1e-5, solve.ENERGY).startswith("the equations of motion do not hold between")  # type: ignore[arg-type]
+    assert solve._refusal(problem, 1e-5, solve.ENERGY).startswith(
+        "the equations of motion do not hold between"
+    )  # type: ignore[arg-type]
     energy = solve._refusal(problem, 1e-5, 2 * solve.ENERGY)  # type: ignore[arg-type]
     assert (
         energy
         == f"the energy balance of the simulation is off by {2 * solve.ENERGY:.1e}, allowed are {solve.ENERGY:.0e}"
     )
-    assert solve._refusal(problem, 1.01e-5, 0.0).startswith("verified error 1.01e-05 is above 1e-05")  # type: ignore[arg-type]
+    assert solve._refusal(problem, 1.01e-5, 0.0).startswith(
+        "verified error 1.01e-05 is above 1e-05"
+    )  # type: ignore[arg-type]
 
 
 def test_methods_that_follow_the_default_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "_inverts", lambda robot: robot.name != "four_mass")
-    names = {n: choice.default_method(flexgen.read(n), None) for n in ("elbow", "planar5_nmp", "four_mass")}
+    names = {
+        n: choice.default_method(flexgen.read(n), None)
+        for n in ("elbow", "planar5_nmp", "four_mass")
+    }
     assert names == {"elbow": "closed-form", "planar5_nmp": "lq", "four_mass": "collocation"}
     limits = Limits(torque=(1.0,))
     assert choice.default_method(flexgen.read("elbow"), limits) == "lq"
@@ -272,11 +332,13 @@ def test_methods_that_follow_the_default_one(monkeypatch: pytest.MonkeyPatch) ->
     able = [m for m in ("bvp", "collocation", "full") if find_method(m).keeps_limits]
     assert further("planar5_nmp", "lq", limits) == able != ["bvp", "collocation", "full"]
     with pytest.raises(
-        ArgumentError, match=r"limits: method 'fjm' tracks the path exactly and cannot keep limits, expected"
+        ArgumentError,
+        match=r"limits: method 'fjm' tracks the path exactly and cannot keep limits, expected",
     ):
         choice.check_applies(find_method("fjm"), complete, limits)
     with pytest.raises(
-        ArgumentError, match="method lq: model planar5_nmp has motor_coupling 'complete', expected 'simp"
+        ArgumentError,
+        match="method lq: model planar5_nmp has motor_coupling 'complete', expected 'simp",
     ):
         choice.check_applies(find_method("lq"), complete, None)
     choice.check_applies(find_method("full"), complete, limits)
@@ -312,7 +374,10 @@ def test_limits_of_a_model_and_of_arguments() -> None:
     robot = flexgen.read("urdf_arm")
     limits = Limits.from_model(robot)
     assert limits.torque is not None and limits.speed is not None and limits.deflection is None
-    assert limits.torque == tuple(m.torque_max or np.inf for m in robot.motors) and limits.torque[0] == 3.75
+    assert (
+        limits.torque == tuple(m.torque_max or np.inf for m in robot.motors)
+        and limits.torque[0] == 3.75
+    )
     assert limits.speed == tuple(m.speed_max or np.inf for m in robot.motors)
     given = Limits.from_model(robot, torque=2, deflection=[0.5])
     assert given == Limits((2.0, 2.0, 2.0), None, (0.5,))
@@ -320,26 +385,41 @@ def test_limits_of_a_model_and_of_arguments() -> None:
     assert torque.tolist() == [2.0] * 3 and speed.tolist() == [np.inf] * 3
     assert given.deflections(1).tolist() == [0.5] and limits.deflections(2).tolist() == [np.inf] * 2
     with pytest.raises(
-        ArgumentError, match="limits: given deflection 3, expected a sequence of numbers, one for each non-"
+        ArgumentError,
+        match="limits: given deflection 3, expected a sequence of numbers, one for each non-",
     ):
         Limits(deflection=3)  # type: ignore[arg-type]
-    with pytest.raises(ArgumentError, match=r"limits: given torque \(True,\), expected .*, one for each motor$"):
+    with pytest.raises(
+        ArgumentError, match=r"limits: given torque \(True,\), expected .*, one for each motor$"
+    ):
         Limits(torque=(True,))
-    with pytest.raises(ArgumentError, match="limits: model elbow states none, expected torque_max or speed_max"):
+    with pytest.raises(
+        ArgumentError, match="limits: model elbow states none, expected torque_max or speed_max"
+    ):
         Limits.from_model("elbow")
     for values, size in (((1.0, 0.0), 2), ((1.0,), 2), ((1.0, -2.0), 2)):
         with pytest.raises(ArgumentError, match=rf"expected {size} positive numbers"):
             Limits(torque=values).arrays(size)
-    with pytest.raises(ArgumentError, match="limits, number of torque bounds: given 10001, expected 0 to 10000"):
+    with pytest.raises(
+        ArgumentError, match="limits, number of torque bounds: given 10001, expected 0 to 10000"
+    ):
         Limits().arrays(10_001)
     assert Limits().arrays(10_000)[0].shape == (10_000,) and Limits().deflections(0).shape == (0,)
 
 
 def test_warnings_of_exceeded_limits_name_value_and_limit() -> None:
     robot = flexgen.read("urdf_arm")
-    dof = dataclasses.replace(robot.coordinates[1].dof, lower=-0.5, upper=0.25, speed_max=2.0, acceleration_max=30.0)
-    coordinates = (robot.coordinates[0], dataclasses.replace(robot.coordinates[1], dof=dof), *robot.coordinates[2:])
-    robot = Made(motors=robot.motors, coordinates=coordinates, n_m=3, n_a=4, i_e=(), tool=robot.tool)
+    dof = dataclasses.replace(
+        robot.coordinates[1].dof, lower=-0.5, upper=0.25, speed_max=2.0, acceleration_max=30.0
+    )
+    coordinates = (
+        robot.coordinates[0],
+        dataclasses.replace(robot.coordinates[1], dof=dof),
+        *robot.coordinates[2:],
+    )
+    robot = Made(
+        motors=robot.motors, coordinates=coordinates, n_m=3, n_a=4, i_e=(), tool=robot.tool
+    )
     x = np.zeros((len(T), 4))
 
     def warned(limited: bool = False, **values: float) -> tuple[str, ...]:
@@ -375,7 +455,9 @@ def test_residuals_of_the_samples_at_rest() -> None:
     zeros = np.zeros
     arm, motor = (
         np.array(x).ravel()
-        for x in equations.function("residual")(*(zeros(3) for _ in range(3)), *(zeros(2) for _ in range(3)), torque[0])
+        for x in equations.function("residual")(
+            *(zeros(3) for _ in range(3)), *(zeros(2) for _ in range(3)), torque[0]
+        )
     )
     expected = np.abs(np.r_[arm, motor[list(model.i_m)]])
     np.testing.assert_allclose(rows, expected, rtol=1e-12, atol=1e-12)
@@ -384,7 +466,9 @@ def test_residuals_of_the_samples_at_rest() -> None:
     scale[list(model.i_g)], scale[list(model.i_e)] = [10.0, 5.0], np.abs(elastic)
     motors = np.array([3.0, 2.0])[list(model.i_m)]
     scales = np.r_[np.maximum(scale, 1e-3 * scale.max()), motors]
-    assert relative_residual(equations, trajectory, rows) == pytest.approx((expected / scales).max(), rel=1e-12)
+    assert relative_residual(equations, trajectory, rows) == pytest.approx(
+        (expected / scales).max(), rel=1e-12
+    )
 
 
 def test_simpler_models_are_compared_with_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -404,12 +488,16 @@ def test_simpler_models_are_compared_with_a_solution(monkeypatch: pytest.MonkeyP
     steps = ["rigid", "fjm", "fjm has no solution: broken", "quasistatic"]
     assert said == [f"comparison: method {step}" for step in steps]
     assert len(comparison.compare_methods(equations, own)) == 3
-    assert [s.method for s in comparison.compare_methods(equations, made(model, method="rigid"))] == [
+    assert [
+        s.method for s in comparison.compare_methods(equations, made(model, method="rigid"))
+    ] == [
         "quasistatic",
         "rigid",
     ]
     monkeypatch.setattr(
-        comparison, "solve", lambda *_, **__: made(model, method="rigid", stopped="interrupted by Ctrl-C")
+        comparison,
+        "solve",
+        lambda *_, **__: made(model, method="rigid", stopped="interrupted by Ctrl-C"),
     )
     with pytest.raises(KeyboardInterrupt):
         comparison.compare_methods(equations, own)
@@ -442,7 +530,9 @@ class Timed:
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_solution_has_the_times_of_all_steps_and_all_warnings(fails: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_solution_has_the_times_of_all_steps_and_all_warnings(
+    fails: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """So has one that was found before the time was over; options without effect are named last."""
     wall, cpu, told = iter((10.0, 13.5)), iter((2.0, 4.25)), []  # type: ignore[var-annotated]
 
@@ -458,7 +548,9 @@ def test_a_solution_has_the_times_of_all_steps_and_all_warnings(fails: bool, mon
     monkeypatch.setattr(solve, "_find_solution", find)
     monkeypatch.setattr(solve, "with_hold", lambda problem, solution, controller: solution)
     monkeypatch.setattr(solve, "within_limits", lambda solution, limits, ignored: solution)
-    monkeypatch.setattr(solve, "without_effect", lambda method, preview, mesh: (f"{method}: {preview}, {mesh}",))
+    monkeypatch.setattr(
+        solve, "without_effect", lambda method, preview, mesh: (f"{method}: {preview}, {mesh}",)
+    )
     monkeypatch.setattr(BestSolution, "finish", lambda self, stage, time_limit: Timed("full", ()))
     found = inspect.unwrap(solve.solve)("elbow", "line", mesh=0.01)
     assert (found.wall_s, found.cpu_s) == (3.5, 2.25) and [method for _, method in told] == ["auto"]

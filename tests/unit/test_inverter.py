@@ -43,7 +43,9 @@ BEYOND = 6  # samples after the last one, for the derivatives there
 def test_a_path_is_inverted(library, answer):
     n = len(samples()["y"])
     assert (
-        answer.q_a.shape == (n + 200, 3) and answer.tau_m.shape == (n + 200, 2) and answer.tau_g.shape == (n + 200, 2)
+        answer.q_a.shape == (n + 200, 3)
+        and answer.tau_m.shape == (n + 200, 2)
+        and answer.tau_g.shape == (n + 200, 2)
     )
     assert (answer.n_pre, answer.n_post, answer.period) == (100, 100, PERIOD)
     assert answer.t[0] == pytest.approx(-0.1) and answer.t[100] == 0.0
@@ -107,7 +109,9 @@ def test_invalid_paths_and_options_are_refused(library, changes, error, words):
 
 
 def test_a_path_out_of_reach_has_an_error_status(library):
-    with pytest.raises(SolverError, match="leaves the workspace of the robot or passes a singular pose"):
+    with pytest.raises(
+        SolverError, match="leaves the workspace of the robot or passes a singular pose"
+    ):
         library.invert(**given(y=10.0 * samples()["y"]))
 
 
@@ -119,14 +123,25 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     n = len(s["y"])
     arrays = {key: np.ascontiguousarray(s[key]) for key in ("y", "dy", "ddy")}
     q, work = np.ascontiguousarray(s["q_start"]), np.zeros(10)
-    options = struct_of(structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9)
+    options = struct_of(
+        structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9
+    )
     motion, info = structs["motion"](), structs["invert_info"]()
 
     def status(null: int | None = None, member: str = "") -> int:
         path = struct_of(
-            structs["samples"], n=n, period=PERIOD, **{k: None if k == member else x for k, x in arrays.items()}
+            structs["samples"],
+            n=n,
+            period=PERIOD,
+            **{k: None if k == member else x for k, x in arrays.items()},
         )
-        where = [ctypes.byref(path), pointer(q), ctypes.byref(options), ctypes.byref(motion), ctypes.byref(info)]
+        where = [
+            ctypes.byref(path),
+            pointer(q),
+            ctypes.byref(options),
+            ctypes.byref(motion),
+            ctypes.byref(info),
+        ]
         where.append(pointer(work))
         if null is not None:
             where[null] = ctypes.c_void_p(None)
@@ -141,10 +156,15 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     assert status() == 0  # members of the motion may be null
     for n_post in range(100, 108):  # whatever is in the workspace, and wherever its arrays end
         options.n_post, tau_m = n_post, np.empty((100 + n + n_post, 2))
-        work, motion = np.full(wanted(n, ctypes.byref(options)), 1e300), struct_of(structs["motion"], tau_m=tau_m)
+        work, motion = (
+            np.full(wanted(n, ctypes.byref(options)), 1e300),
+            struct_of(structs["motion"], tau_m=tau_m),
+        )
         assert status() == 0
         expected = library.invert(**given(n_pre=100, n_post=n_post, tolerance=1e-9))
-        assert (tau_m == expected.tau_m).all() and info.kinematic_mismatch == expected.kinematic_mismatch
+        assert (
+            tau_m == expected.tau_m
+        ).all() and info.kinematic_mismatch == expected.kinematic_mismatch
 
 
 def test_a_library_without_inversion_raises_an_error_that_names_it(tmp_path):
@@ -182,7 +202,9 @@ def test_closing_a_library_closes_its_streams():
         stream.limit,
         lambda: pickle.dumps(stream),
     ):
-        with pytest.raises(ArgumentError, match=r"planar5_nmp: given a library that was closed.*load it again"):
+        with pytest.raises(
+            ArgumentError, match=r"planar5_nmp: given a library that was closed.*load it again"
+        ):
             call()
     for running in (open_stream, pickle.loads(stored)):
         assert np.array_equal(running.update(*sample).tau_m, before.tau_m)
@@ -194,7 +216,13 @@ HORIZON = 40
 
 def begun(library):
     s = samples()
-    return library.stream(s["y"][0], s["q_start"], period=EVERY * PERIOD, intervals=HORIZON, samples_per_interval=EVERY)
+    return library.stream(
+        s["y"][0],
+        s["q_start"],
+        period=EVERY * PERIOD,
+        intervals=HORIZON,
+        samples_per_interval=EVERY,
+    )
 
 
 def updates(stream, first: int, last: int):

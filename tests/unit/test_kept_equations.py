@@ -20,7 +20,8 @@ def test_one_model_has_one_object_and_another_its_own():
     assert kept_equations(flexgen.read("elbow")) is kept
     for changed in (
         dataclasses.replace(robot, gravity=(0.0, 0.0, -9.0)),
-        dataclasses.replace(robot, gravity=tuple(x or -0.0 for x in robot.gravity)),  # equal, but with another sign
+        # equal, but with another sign
+        dataclasses.replace(robot, gravity=tuple(x or -0.0 for x in robot.gravity)),
     ):
         assert kept_equations(changed) is not kept
         assert kept_equations(changed).model.gravity == changed.gravity
@@ -28,7 +29,10 @@ def test_one_model_has_one_object_and_another_its_own():
 
 
 def test_the_last_models_are_kept():
-    robots = [dataclasses.replace(flexgen.read("elbow"), gravity=(0.0, 0.0, -float(g))) for g in range(KEPT + 1)]
+    robots = [
+        dataclasses.replace(flexgen.read("elbow"), gravity=(0.0, 0.0, -float(g)))
+        for g in range(KEPT + 1)
+    ]
     first = [kept_equations(robot) for robot in robots]
     assert kept_equations(robots[-1]) is first[-1] and kept_equations(robots[0]) is not first[0]
 
@@ -72,5 +76,7 @@ def test_functions_do_not_depend_on_those_that_were_built_before():
 
 
 def test_a_second_solution_has_the_bits_of_the_first():
-    first, second = (flexgen.solve("elbow", verify=False, progress=False).trajectory for _ in range(2))
+    first, second = (
+        flexgen.solve("elbow", verify=False, progress=False).trajectory for _ in range(2)
+    )
     assert all(np.array_equal(first[name], second[name]) for name in first.channels)

@@ -30,10 +30,13 @@ from flexgen.errors import BuildError
 
 # As the header states them. Every single-precision number was tried once: 0.87 (sine, cosine), 0.95 (exp), 2.61 (tanh).
 SINCOS, EXP, TANH = ERRORS["sincos"], ERRORS["exp"], ERRORS["tanh"]
-MARGIN = {"double": mp.mpf(2) ** -20, "single": mp.mpf(2) ** -10}  # |r| passes pi/4 where k is rounded the wrong way
+# |r| passes pi/4 where k is rounded the wrong way
+MARGIN = {"double": mp.mpf(2) ** -20, "single": mp.mpf(2) ** -10}
 
 
-def results(precision: str, name: str, x: np.ndarray, edits: tuple[tuple[str, str], ...] = ()) -> np.ndarray:
+def results(
+    precision: str, name: str, x: np.ndarray, edits: tuple[tuple[str, str], ...] = ()
+) -> np.ndarray:
     """One function's results, which are the same for numbers and vectors; (2, n) for sine and cosine."""
     by_numbers, by_vectors = applied(program(precision, edits), precision, {name: x})[name]
     assert same_bits(by_numbers, by_vectors)
@@ -47,7 +50,11 @@ def near_quarters(precision: str) -> tuple[np.ndarray, np.ndarray, list[int]]:
     steps = int(PRECISIONS[precision].angle / (np.pi / 2))
     exact = [k * quarter for k in range(1, steps)]
     x = np.array([math.ldexp(float(n), -200) for n in exact]).astype(TYPES[precision])
-    return x, np.arange(1, steps), [int(math.ldexp(v, 200)) - n for v, n in zip(x.tolist(), exact, strict=True)]
+    return (
+        x,
+        np.arange(1, steps),
+        [int(math.ldexp(v, 200)) - n for v, n in zip(x.tolist(), exact, strict=True)],
+    )
 
 
 def error_near_quarters(precision: str, edits: tuple[tuple[str, str], ...] = ()) -> float:
@@ -83,8 +90,12 @@ def test_polynomials_have_the_minimax_error(precision):
             (p.exponential, exponential, lambda r: r * r + half * half / 16, -half, half),
         ]
         for literals, series, weight, low, high in cases:
-            best, worst = minimax(lambda x, c=series[::-1]: mp.polyval(c, x), weight, low, high, len(literals))
-            assert [TYPES[precision](c) for c in literals] == [TYPES[precision](float(c)) for c in best]
+            best, worst = minimax(
+                lambda x, c=series[::-1]: mp.polyval(c, x), weight, low, high, len(literals)
+            )
+            assert [TYPES[precision](c) for c in literals] == [
+                TYPES[precision](float(c)) for c in best
+            ]
             assert worst < 2.0 ** -(p.digits + 5)  # small relative to the rounding errors
 
 
@@ -101,13 +112,19 @@ def test_parts_of_constants_are_exact(precision):
             for part in parts[:-1]:
                 numerator = part.as_integer_ratio()[0]
                 assert numerator.bit_length() + steps.bit_length() <= p.digits + 1
-    assert [float(TYPES[precision](x)) for x in (*p.half_pi, *p.log_2)] == pytest.approx(p.half_pi + p.log_2, rel=1e-7)
+    assert [float(TYPES[precision](x)) for x in (*p.half_pi, *p.log_2)] == pytest.approx(
+        p.half_pi + p.log_2, rel=1e-7
+    )
 
 
 def test_kernel_files_are_ascii_with_short_lines():
     for precision in PRECISIONS:
         for text in kernel_files(NAME, precision).values():
-            assert text.isascii() and text.endswith("\n") and "model" not in text.replace("the model", "")
+            assert (
+                text.isascii()
+                and text.endswith("\n")
+                and "model" not in text.replace("the model", "")
+            )
             assert max(map(len, text.splitlines())) <= 120 + len(NAME)
     with pytest.raises(BuildError, match="'half', expected double or single"):
         kernel_files(NAME, "half")
@@ -125,7 +142,10 @@ def test_sine_and_cosine_are_exact_to_one_place(precision):
         s, c = results(precision, "sincos", x)
         assert error(s, np.sin(x.astype(wide))) <= SINCOS, name
         assert error(c, np.cos(x.astype(wide))) <= SINCOS, name
-        assert np.max(np.abs(s.astype(float) ** 2 + c.astype(float) ** 2 - 1)) < 4 * np.finfo(s.dtype).eps
+        assert (
+            np.max(np.abs(s.astype(float) ** 2 + c.astype(float) ** 2 - 1))
+            < 4 * np.finfo(s.dtype).eps
+        )
         assert same_bits(s, results(precision, "sin", x))
         assert same_bits(c, results(precision, "cos", x))
         minus_s, minus_c = results(precision, "sincos", -x)
@@ -161,17 +181,26 @@ def test_exp_and_tanh(precision):
     rng = np.random.default_rng(11)
     low, high = math.log(float(np.finfo(dtype).tiny)), math.log(float(np.finfo(dtype).max))
     signs = rng.choice([-1.0, 1.0], POINTS)
-    for span in (rng.uniform(low, high, POINTS), rng.uniform(-1, 1, POINTS), signs * 10 ** rng.uniform(-30, 0, POINTS)):
+    for span in (
+        rng.uniform(low, high, POINTS),
+        rng.uniform(-1, 1, POINTS),
+        signs * 10 ** rng.uniform(-30, 0, POINTS),
+    ):
         x = span.astype(dtype)
         x = x[(x > low) & (x < high)]
         assert error(results(precision, "exp", x), np.exp(x.astype(wide))) <= EXP
-    for span in (rng.uniform(-1, 1, POINTS), rng.uniform(-25, 25, POINTS), signs * 10 ** rng.uniform(-30, 0, POINTS)):
+    for span in (
+        rng.uniform(-1, 1, POINTS),
+        rng.uniform(-25, 25, POINTS),
+        signs * 10 ** rng.uniform(-30, 0, POINTS),
+    ):
         x = span.astype(dtype)
         y = results(precision, "tanh", x)
         assert error(y, np.tanh(x.astype(wide))) <= TANH
         assert np.all(np.abs(y) <= 1)
         assert same_bits(-y, results(precision, "tanh", -x))
-    gradual = rng.uniform(PRECISIONS[precision].lowest, low, 1000).astype(dtype)  # results below the normal numbers
+    # results below the normal numbers
+    gradual = rng.uniform(PRECISIONS[precision].lowest, low, 1000).astype(dtype)
     assert error(results(precision, "exp", gradual), np.exp(gradual.astype(wide))) <= EXP
 
 
@@ -181,21 +210,41 @@ def test_special_values(precision):
     dtype = TYPES[precision]
     limit = dtype(PRECISIONS[precision].angle)
     beyond = np.nextafter(limit, dtype(np.inf))
-    x = np.array([0.0, -0.0, limit, -limit, beyond, -beyond, np.finfo(dtype).max, np.inf, -np.inf, np.nan], dtype)
+    x = np.array(
+        [0.0, -0.0, limit, -limit, beyond, -beyond, np.finfo(dtype).max, np.inf, -np.inf, np.nan],
+        dtype,
+    )
     s, c = results(precision, "sincos", x)
     assert same_bits(s[:2], x[:2]) and np.all(c[:2] == 1)
     assert np.all(np.isfinite(s[2:4])) and np.all(np.isfinite(c[2:4]))
     assert np.all(np.isnan(s[4:])) and np.all(np.isnan(c[4:]))
-    tiny = np.array([np.finfo(dtype).smallest_subnormal, -np.finfo(dtype).tiny, 3 * np.finfo(dtype).tiny], dtype)
+    tiny = np.array(
+        [np.finfo(dtype).smallest_subnormal, -np.finfo(dtype).tiny, 3 * np.finfo(dtype).tiny], dtype
+    )
     assert same_bits(results(precision, "sin", tiny), tiny)
     assert same_bits(results(precision, "tanh", tiny), tiny)
-    x = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, np.finfo(dtype).max, np.finfo(dtype).min], dtype)
-    assert np.array_equal(results(precision, "exp", x), [1, 1, np.inf, 0, np.nan, np.inf, 0], equal_nan=True)
+    x = np.array(
+        [0.0, -0.0, np.inf, -np.inf, np.nan, np.finfo(dtype).max, np.finfo(dtype).min], dtype
+    )
+    assert np.array_equal(
+        results(precision, "exp", x), [1, 1, np.inf, 0, np.nan, np.inf, 0], equal_nan=True
+    )
     y = results(precision, "tanh", x)
-    assert np.array_equal(y, [0, 0, 1, -1, np.nan, 1, -1], equal_nan=True) and math.copysign(1, y[1]) == -1
+    assert (
+        np.array_equal(y, [0, 0, 1, -1, np.nan, 1, -1], equal_nan=True)
+        and math.copysign(1, y[1]) == -1
+    )
     top = dtype(math.log(float(np.finfo(dtype).max)))
     bottom = dtype(math.log(float(np.finfo(dtype).smallest_subnormal)))
-    x = np.array([np.nextafter(top, dtype(0)), top * dtype(1.001), bottom * dtype(0.9999), bottom * dtype(1.01)], dtype)
+    x = np.array(
+        [
+            np.nextafter(top, dtype(0)),
+            top * dtype(1.001),
+            bottom * dtype(0.9999),
+            bottom * dtype(1.01),
+        ],
+        dtype,
+    )
     y = results(precision, "exp", x)
     assert np.isfinite(y[0]) and np.isinf(y[1]) and y[2] > 0 and y[3] == 0
 
@@ -205,7 +254,24 @@ def test_special_values(precision):
 def test_comparisons_and_rounding(precision):
     dtype = TYPES[precision]
     big = 2.0 ** PRECISIONS[precision].digits
-    edge = [0.0, -0.0, 0.3, -0.3, 0.5, -0.5, 0.999, -0.999, 1.0, -1.0, 1.5, -1.5, 2.5, big - 0.5, big, 4 * big]
+    edge = [
+        0.0,
+        -0.0,
+        0.3,
+        -0.3,
+        0.5,
+        -0.5,
+        0.999,
+        -0.999,
+        1.0,
+        -1.0,
+        1.5,
+        -1.5,
+        2.5,
+        big - 0.5,
+        big,
+        4 * big,
+    ]
     edge += [-big, np.inf, -np.inf, np.nan, float(np.finfo(dtype).smallest_subnormal)]
     x = np.array(edge, dtype)
     a, b = (v.ravel() for v in np.meshgrid(x, x))
@@ -260,7 +326,10 @@ def test_functions_of_the_mathematical_library(precision):
 @needs_long_double
 def test_wrong_digit_is_noticed():
     x = angles("double")["turns"]
-    for digit, wrong in (("0.008333333333322425", "0.008333333333422425"), ("-2.5050758648160705e-08", "-2.5053e-08")):
+    for digit, wrong in (
+        ("0.008333333333322425", "0.008333333333422425"),
+        ("-2.5050758648160705e-08", "-2.5053e-08"),
+    ):
         s, c = results("double", "sincos", x, ((digit, wrong),))
         assert error(s, np.sin(x.astype(np.longdouble))) > SINCOS
     s, c = results("double", "sincos", x, (("2.087572368084499e-09", "2.087672368084499e-09"),))

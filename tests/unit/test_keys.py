@@ -35,7 +35,8 @@ READERS = {
 }
 # Files that may read keys by name: what a row cannot say in data.
 ROWS = tuple(
-    f"flexgen/{path}" for path in ("model/format", "loop/controller_f", "sweeps/grid_f", "benchmarks/scenario_f")
+    f"flexgen/{path}"
+    for path in ("model/format", "loop/controller_f", "sweeps/grid_f", "benchmarks/scenario_f")
 )
 SHORT = 20  # characters of a text that may occur twice by chance
 
@@ -61,16 +62,29 @@ def stated_twice(tables: Mapping[str, Form], sources: Mapping[str, str]) -> list
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Constant) and node.value in docs:
                 found[f"text of a key: {node.value}"] += 1
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Key":
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name)
+                and node.func.id == "Key"
+            ):
                 found[f"row: {ast.unparse(node)}"] += 1
             if not path.startswith(ROWS):
-                out += [f"{path}:{line} reads the key {key}" for line, key in read_by_name(node) if key in names]
+                out += [
+                    f"{path}:{line} reads the key {key}"
+                    for line, key in read_by_name(node)
+                    if key in names
+                ]
     return out + [f"{count} times a {what}" for what, count in found.items() if count > 1]
 
 
 def read_by_name(node: ast.AST) -> Iterable[tuple[int, str]]:
     """Keys that a call reads with their type or bounds."""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in READERS and node.args:
+    if (
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in READERS
+        and node.args
+    ):
         first = node.args[0]
         if isinstance(first, ast.Constant) and isinstance(first.value, str):
             yield node.lineno, first.value
@@ -84,7 +98,10 @@ def sources() -> dict[str, str]:
         for room in ("model", "exports", "spec", "loop", "sweeps", "benchmarks")
         for path in (ROOT / "flexgen" / room).rglob("*.py")
     ]
-    return {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in sorted(paths)}
+    return {
+        path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+        for path in sorted(paths)
+    }
 
 
 def test_each_key_is_stated_once(sources: dict[str, str]) -> None:
@@ -99,8 +116,13 @@ def test_each_key_is_stated_once(sources: dict[str, str]) -> None:
         (repr(BODY["com"].doc), "2 times a text of a key: center of mass in the body frame"),
     ],
 )
-def test_planted_second_statement_is_found(sources: dict[str, str], text: str, expected: str) -> None:
-    few = {path: sources[path] for path in ("flexgen/model/format_robot.py", "flexgen/model/overlay.py")}
+def test_planted_second_statement_is_found(
+    sources: dict[str, str], text: str, expected: str
+) -> None:
+    few = {
+        path: sources[path]
+        for path in ("flexgen/model/format_robot.py", "flexgen/model/overlay.py")
+    }
     assert stated_twice(TABLES, few | {"flexgen/model/planted.py": text}) == [expected]
 
 
@@ -117,7 +139,9 @@ def springs_of(text: str) -> dict[str, tuple[str, ...]]:
 def test_table_of_springs_in_the_readme_is_that_of_the_rows() -> None:
     text = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
     assert springs_of(text) == {kind: form.names for kind, form in SPRING.kinds.items()}
-    assert springs_of(text.replace("stiffness, gap, smoothing", "stiffness, gap")) != springs_of(text)
+    assert springs_of(text.replace("stiffness, gap, smoothing", "stiffness, gap")) != springs_of(
+        text
+    )
 
 
 @dataclass(frozen=True)
@@ -128,5 +152,7 @@ class _StrongMotor(Motor):
 def test_a_new_attribute_of_a_motor_is_in_its_description() -> None:
     model = read("elbow")
     motors = tuple(_StrongMotor(**vars(motor), power_max=90.0) for motor in model.motors)
-    before, after = (flexgen.describe(m)["motors"][0] for m in (model, replace(model, motors=motors)))
+    before, after = (
+        flexgen.describe(m)["motors"][0] for m in (model, replace(model, motors=motors))
+    )
     assert after == before | {"power_max": 90.0}

@@ -39,11 +39,14 @@ from flexgen.paths.path import Path
 GAP = 1e4  # every rank of the tables rests on singular values that lie at least so far apart
 SERIES = 1e-13  # relative; recurrences against nested differentiation, both exact but for rounding
 ARRAY = 1e-12  # of the largest entry
-FLAT = ("abb_arm", "manutec_r3_efjm", "planar5_family")  # the inertia A is singular there: the rule does not apply
+# the inertia A is singular there: the rule does not apply
+FLAT = ("abb_arm", "manutec_r3_efjm", "planar5_family")
 LARGE = ("manutec_r3_30",)
 
 
-def numbers(found: KunkelMehrmann) -> tuple[str, int | None, int | None, int | None, int | None, int | None]:
+def numbers(
+    found: KunkelMehrmann,
+) -> tuple[str, int | None, int | None, int | None, int | None, int | None]:
     return found.verdict, found.mu, found.a, found.d, found.v, found.differential_index
 
 
@@ -55,7 +58,11 @@ def along(name: str) -> tuple[KunkelMehrmann, ...]:
 
 
 def variants(names: list[str]) -> list[str]:
-    return [f"{name}@{variant}" if variant else name for name in names for variant in ("", *shipped(name).variants)]
+    return [
+        f"{name}@{variant}" if variant else name
+        for name in names
+        for variant in ("", *shipped(name).variants)
+    ]
 
 
 def is_flat(name: str) -> bool:
@@ -66,10 +73,14 @@ def is_flat(name: str) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("variant", "mu", "a", "d", "index"), [("", 3, 8, 4, 4), ("@undamped", 4, 10, 2, 5)], ids=["damped", "undamped"]
+    ("variant", "mu", "a", "d", "index"),
+    [("", 3, 8, 4, 4), ("@undamped", 4, 10, 2, 5)],
+    ids=["damped", "undamped"],
 )
 @pytest.mark.parametrize("name", ["planar5_mp", "planar5_nmp"])
-def test_the_table_of_the_planar_arm(name: str, variant: str, mu: int, a: int, d: int, index: int) -> None:
+def test_the_table_of_the_planar_arm(
+    name: str, variant: str, mu: int, a: int, d: int, index: int
+) -> None:
     for found in (kunkel_mehrmann_at_rest(flexgen.derive(name + variant)), *along(name + variant)):
         assert numbers(found) == ("regular", mu, a, d, 0, index)
         assert found.gap is not None
@@ -94,7 +105,12 @@ def test_the_general_rule_on_every_model_at_rest(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow if n in LARGE else ()) for n in model_names() if not is_flat(n)]
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.slow if n in LARGE else ())
+        for n in model_names()
+        if not is_flat(n)
+    ],
 )
 def test_the_general_rule_along_a_path(name: str) -> None:
     expected = rule(flexgen.derive(name))
@@ -120,7 +136,9 @@ def test_the_general_rule_on_random_robots(case: Case) -> None:
     model = case.model
     weights = np.random.default_rng(model.n_a).normal(size=(model.n_m, model.n_a))
     output = Output("combination", axes="", weights=tuple(map(tuple, weights)))
-    equations = Equations(replace(model, output=output, home=tuple(case.states[0].q_a[list(model.i_g)])))
+    equations = Equations(
+        replace(model, output=output, home=tuple(case.states[0].q_a[list(model.i_g)]))
+    )
     try:
         analysis = flexgen.analyze(equations)
     except SolverError:  # springs that gravity bends beyond balance
@@ -152,7 +170,10 @@ def test_mixtures_of_gears(kinds: tuple[str, str], expected: tuple[int, int, int
             changes[f"element.{element}.dof.{joint}.gear.damping"] = 0.0
     equations = Equations(read("planar5_nmp", overrides=changes))
     assert rule(equations) == expected
-    points = (kunkel_mehrmann_at_rest(equations), *kunkel_mehrmann(equations, Path(equations, equations.model.move())))
+    points = (
+        kunkel_mehrmann_at_rest(equations),
+        *kunkel_mehrmann(equations, Path(equations, equations.model.move())),
+    )
     for found in points:
         assert (found.verdict, (found.mu, found.a, found.d), found.v) == ("regular", expected, 0)
 
@@ -166,7 +187,9 @@ def test_the_flat_point_has_another_index() -> None:
     assert numbers(kunkel_mehrmann_at_rest(Equations(near.model))) == ("regular", 3, 8, 4, 0, 4)
 
 
-@pytest.mark.parametrize(("name", "expected"), [("abb_arm", (4, 5, 2)), ("manutec_r3_efjm", (5, 23, 25))])
+@pytest.mark.parametrize(
+    ("name", "expected"), [("abb_arm", (4, 5, 2)), ("manutec_r3_efjm", (5, 23, 25))]
+)
 def test_models_with_a_singular_inertia(name: str, expected: tuple[int, int, int]) -> None:
     found = kunkel_mehrmann_at_rest(flexgen.derive(name))
     assert (found.mu, found.a, found.d) == expected
@@ -197,7 +220,9 @@ def test_a_repeated_output_adds_no_rank() -> None:
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp@undamped", "urdf_arm", "abb_arm", "elbow@rigid"])
-def test_eliminating_definitions_does_not_change_the_numbers(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_eliminating_definitions_does_not_change_the_numbers(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     short = kunkel_mehrmann_at_rest(flexgen.derive(name))
     none = np.zeros(0, dtype=int)
     monkeypatch.setattr(module, "definitions", lambda F_x, F_dx: (none, none, none))
@@ -243,21 +268,27 @@ def test_gear_damping_that_is_ignored_is_seen() -> None:
     assert numbers(characterize(F_x[0], F_dx[0], series.scales(x[0, 0])))[1:4] == (4, 10, 2)
 
 
-def nested_array(dae: InverseDae, path: Path, t: float, jets: np.ndarray, mu: int) -> tuple[np.ndarray, np.ndarray]:
+def nested_array(
+    dae: InverseDae, path: Path, t: float, jets: np.ndarray, mu: int
+) -> tuple[np.ndarray, np.ndarray]:
     """F_mu and its Jacobian by CasADi's own nested differentiation, in derivatives of x (not Taylor coefficients)."""
     equations, model = dae.equations, dae.model
     levels = [ca.SX.sym(f"x{k}", dae.n_x) for k in range(mu + 2)]
     x, dx = levels[:2]
     n_a, n = model.n_a, model.dof
     q, q_m, v, v_m = x[:n_a], x[n_a:n], x[n : n + n_a], x[n + n_a : 2 * n]
-    r_a, r_m = equations.function("residual")(q, v, dx[n : n + n_a], q_m, v_m, dx[n + n_a : 2 * n], x[2 * n :])
+    r_a, r_m = equations.function("residual")(
+        q, v, dx[n : n + n_a], q_m, v_m, dx[n + n_a : 2 * n], x[2 * n :]
+    )
     rows = [dx[:n] - x[n : 2 * n], r_a, r_m, equations.function("output")(q)]
     F = [ca.vertcat(*rows)]
     for _ in range(mu):
         F.append(ca.jtimes(F[-1], ca.vertcat(*levels[:-1]), ca.vertcat(*levels[1:])))
     sample = path.sample(np.array([t]))
     values = [jets[k] * math.factorial(k) for k in range(mu + 2)]
-    both = ca.Function("F", levels, [ca.vertcat(*F), ca.jacobian(ca.vertcat(*F), ca.vertcat(*levels))])
+    both = ca.Function(
+        "F", levels, [ca.vertcat(*F), ca.jacobian(ca.vertcat(*F), ca.vertcat(*levels))]
+    )
     found, slope = (np.array(y) for y in both(*values))
     found = found.reshape(mu + 1, dae.m)
     for k in range(mu + 1):
@@ -273,7 +304,9 @@ def test_the_array_against_nested_differentiation(name: str) -> None:
     t = 0.37 * path.duration
     x, scales = consistent(series, path, np.array([t]), mu)
     found, slope = nested_array(dae, path, t, x[0], mu)
-    units = np.concatenate([scales[0].rows * scales[0].time ** k / math.factorial(k) for k in range(mu + 1)])
+    units = np.concatenate(
+        [scales[0].rows * scales[0].time ** k / math.factorial(k) for k in range(mu + 1)]
+    )
     assert np.abs(found.ravel() * units).max() < 1e-9  # a consistent point by this route, too
     ones = Scales(1.0, np.ones(dae.n_x), np.ones(dae.m))
     F_x, F_dx = (J[0] for J in series.jacobians(x))
@@ -304,7 +337,9 @@ def test_both_evaluators_have_the_same_array(name: str) -> None:
     factorials = np.array([math.factorial(k) for k in range(mu + 2)])
     X, U = (x[0] * factorials[:, None]).T, dae.targets(path.sample(t), mu)[0]
     F, N, M = (z.full() for z in DerivativeArray(dae, mu).function(X, U))
-    units = np.concatenate([scales[0].rows * scales[0].time ** k / math.factorial(k) for k in range(mu + 1)])
+    units = np.concatenate(
+        [scales[0].rows * scales[0].time ** k / math.factorial(k) for k in range(mu + 1)]
+    )
     assert np.abs(F.ravel() * units).max() < 1e-9
     F_x, F_dx = (J[0] for J in series.jacobians(x))
     ones = Scales(1.0, np.ones(dae.n_x), np.ones(dae.m))
@@ -321,7 +356,11 @@ def test_both_evaluators_have_the_same_array(name: str) -> None:
 def test_a_consistent_point_follows_the_path(name: str) -> None:
     """The Taylor polynomial of the coordinates, put into the forward kinematics, against the path itself."""
     equations = flexgen.derive(name)
-    series, path, order = TaylorArray(InverseDae(equations)), Path(equations, equations.model.move()), 4
+    series, path, order = (
+        TaylorArray(InverseDae(equations)),
+        Path(equations, equations.model.move()),
+        4,
+    )
     t = 0.37 * path.duration
     x, _ = consistent(series, path, np.array([t]), order)
     n_a = equations.model.n_a
@@ -332,7 +371,10 @@ def test_a_consistent_point_follows_the_path(name: str) -> None:
         found = evaluate(equations.function("output"), q)[0][0]
         worst = np.abs(found - sample.y[0, :, 0]).max()
         if sample.R is not None:
-            worst = max(worst, np.abs(evaluate(equations.function("forward_kinematics"), q)[1] - sample.R).max())
+            worst = max(
+                worst,
+                np.abs(evaluate(equations.function("forward_kinematics"), q)[1] - sample.R).max(),
+            )
         return float(worst)
 
     step = 4e-3 * path.duration
@@ -351,7 +393,8 @@ def test_a_rank_without_a_gap_is_undecided() -> None:
     assert clear.gap > 1e11
     blurred = np.diag([1.0, 1e-3, 1e-12])
     assert not decide_rank([blurred]).decided
-    assert not decide_rank([blurred, np.diag([1.0, 1e-3, 1e-16])]).decided  # a scaling that hides it does not help
+    # a scaling that hides it does not help
+    assert not decide_rank([blurred, np.diag([1.0, 1e-3, 1e-16])]).decided
     seen = decide_rank([blurred, np.diag([1.0, 1e-2, 1e-9])])  # one that shows it does
     assert (seen.rank, seen.decided) == (3, True)
     for nothing in (np.zeros((2, 2)), np.zeros((0, 3))):
@@ -394,7 +437,9 @@ def test_series_of_every_operation() -> None:
         ca.sinh(a) - ca.cosh(b) * ca.tanh(c),
         ca.exp(a) * ca.log(c) + ca.sqrt(c) + 1 / b + ca.atan(a) - ca.asinh(b),
         c**2.5 + c**a + a**3 + a**2,
-        ca.fabs(d) * ca.sign(d) + ca.if_else(a <= b, c, d) + ca.if_else(ca.logic_and(a < b, c > d), a * b, -c),
+        ca.fabs(d) * ca.sign(d)
+        + ca.if_else(a <= b, c, d)
+        + ca.if_else(ca.logic_and(a < b, c > d), a * b, -c),
         ca.fmin(a, b) * ca.fmax(c, d) + ca.if_else(ca.logic_or(a == b, ca.logic_not(c != d)), a, b),
         2 * a,
     ]
@@ -409,7 +454,11 @@ def test_series_of_every_operation() -> None:
     assert table.shape == (2, order + 1, 1, 3)
     assert np.array_equal(table[:, :, 0, 2], curves[:, :, 1])
     for curve, series in zip(curves, found, strict=True):
-        y = function(ca.vertcat(*[sum(float(curve[k, i]) * t**k for k in range(order + 1)) for i in range(4)]))[0]
+        y = function(
+            ca.vertcat(
+                *[sum(float(curve[k, i]) * t**k for k in range(order + 1)) for i in range(4)]
+            )
+        )[0]
         for k in range(order + 1):
             expected = np.array(ca.Function("y", [t], [y])(0.0))[:, 0] / math.factorial(k)
             assert np.abs(series[k] - expected).max() < SERIES * (1 + np.abs(expected).max())

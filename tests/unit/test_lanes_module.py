@@ -32,7 +32,9 @@ void both(const double *x, const double *p, double *y, double *A, double *z, dou
 def functions(long: int = 1) -> dict[str, ca.Function]:
     """Two functions, of vectors and with a matrix; ``long``: times as many operations, which are split then."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
-    y = ca.vertcat(ca.sin(x[0]) * ca.cos(x[1]), ca.fmax(x[2], p[0]) ** 3, ca.tanh(p[1]) / (1 + x[0] ** 2))
+    y = ca.vertcat(
+        ca.sin(x[0]) * ca.cos(x[1]), ca.fmax(x[2], p[0]) ** 3, ca.tanh(p[1]) / (1 + x[0] ** 2)
+    )
     for k in range(long - 1):
         y = 0.5 * ca.sin(y + k * x) * ca.sqrt(1 + y[1] ** 2)
     A = ca.vertcat(ca.horzcat(x[0] * p[0], 0, ca.exp(x[1])), ca.horzcat(p[1], ca.fabs(x[2]), 2))

@@ -76,7 +76,13 @@ def test_libraries_in_use_and_other_files_stay(tmp_path, monkeypatch) -> None:
     (tmp_path / "link").symlink_to(elsewhere)
     monkeypatch.setattr(library_cache, "MOST", 0)
     prune(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere", "file", "link", "robot0", "robot1"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "elsewhere",
+        "file",
+        "link",
+        "robot0",
+        "robot1",
+    ]
     assert elsewhere.exists()
     prune(tmp_path / "missing")
     mark_used(tmp_path / "missing")
@@ -94,7 +100,9 @@ def test_a_library_marked_as_used_during_its_removal_is_restored(tmp_path, monke
     monkeypatch.setattr(library_cache, "MOST", 0)
     monkeypatch.setattr(Path, "rename", late)
     prune(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["robot0"] and (library / "library.so").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["robot0"] and (
+        library / "library.so"
+    ).exists()
 
 
 def test_another_process_that_prunes_does_no_harm(tmp_path, monkeypatch) -> None:
@@ -124,7 +132,9 @@ def forgotten():
 
 @pytest.mark.slow
 @needs_compiler
-def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypatch, forgotten) -> None:
+def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(
+    tmp_path, monkeypatch, forgotten
+) -> None:
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "cache" / "libraries"
     others = kept(folder, OLD[:2])
@@ -135,7 +145,8 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypa
     before = first.motor_friction(np.array([0.1, 0.2]))
 
     os.utime(first.directory, (1e9, 1e9))
-    assert inversion_library(equations, "lq") is first and first.directory.stat().st_mtime > 1e9  # used: marked
+    # used: marked
+    assert inversion_library(equations, "lq") is first and first.directory.stat().st_mtime > 1e9
     os.utime(first.directory, (1e9, 1e9))
     monkeypatch.setattr(library_cache, "MOST", 0)
     prune(folder)
@@ -144,12 +155,17 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypa
 
     inverters._holder.cache_clear()
     again = inversion_library(equations, "lq")
-    assert again.directory == first.directory and (again.motor_friction(np.array([0.1, 0.2])) == before).all()
+    assert (
+        again.directory == first.directory
+        and (again.motor_friction(np.array([0.1, 0.2])) == before).all()
+    )
 
 
 @pytest.mark.slow
 @needs_compiler
-def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeypatch, forgotten) -> None:
+def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(
+    tmp_path, monkeypatch, forgotten
+) -> None:
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))
     equations = derive("elbow")
     first = inversion_library(equations, "lq")
@@ -172,7 +188,9 @@ def test_the_library_of_a_method_has_the_solver_that_it_calls_and_no_other(metho
     """The others would be most of what a first solution waits for."""
     library = inversion_library(derive("planar5_nmp"), method)
     solvers = {f"planar5_nmp_{name}.c" for name in ("inversion", "invert_limited", "path_sampler")}
-    assert {path.name for path in library.directory.glob("src/*.c")} & solvers == {"planar5_nmp_inversion.c"}
+    assert {path.name for path in library.directory.glob("src/*.c")} & solvers == {
+        "planar5_nmp_inversion.c"
+    }
     text = (library.directory / "src" / "planar5_nmp_inversion.c").read_text()
     assert set(re.findall(r"#ifndef PLANAR5_NMP_WITHOUT_(\w+)", text)) == {solver.upper()}
     assert getattr(library, solver) is not None
@@ -186,8 +204,11 @@ def test_the_objects_of_one_choice_of_solvers_are_those_of_another() -> None:
     equations = derive("planar5_nmp")
     choices = (["invert"], ["invert", "invert_limited"])
     folders = [inversion_library(equations, "lq", solvers).directory for solvers in choices]
-    texts = [{path.name: path.read_bytes() for path in folder.rglob("*.[ch]")} for folder in folders]
-    both = (set(texts[0]) & set(texts[1])) - {"planar5_nmp.c", "example.c"}  # the digest of all; not compiled
+    texts = [
+        {path.name: path.read_bytes() for path in folder.rglob("*.[ch]")} for folder in folders
+    ]
+    # the digest of all; not compiled
+    both = (set(texts[0]) & set(texts[1])) - {"planar5_nmp.c", "example.c"}
     assert {"planar5_nmp_inversion.c", "planar5_nmp_inversion.h", "planar5_nmp.h"} <= both
     assert {name for name in both if texts[0][name] != texts[1][name]} == set()
 

@@ -27,12 +27,16 @@ DIFFERENCE = 1e-6  # a central difference of a step of 1e-3 s of a motion of 1 H
 
 def bounded(method: str, **limits: float | tuple[float, ...]) -> Solution:
     equations = flexgen.derive("planar5_nmp")
-    return flexgen.solve(equations, method=method, limits=Limits.from_model(equations.model, **limits), verify=False)
+    return flexgen.solve(
+        equations, method=method, limits=Limits.from_model(equations.model, **limits), verify=False
+    )
 
 
 def deviation(solution: Solution) -> float:
     """Largest distance of the planned output from the path [m]."""
-    place = evaluate(flexgen.derive("planar5_nmp").function("output"), solution.trajectory["q_a"])[0]
+    place = evaluate(flexgen.derive("planar5_nmp").function("output"), solution.trajectory["q_a"])[
+        0
+    ]
     reference = solution.trajectory["y_ref"]
     return float(np.linalg.norm(place.reshape(reference.shape) - reference, axis=1).max())
 
@@ -60,9 +64,18 @@ def test_limits_of_gears_rates_curves_and_the_tool_are_kept() -> None:
     free = flexgen.solve("planar5_nmp", method="lq", verify=False)
     tau, gear = (np.abs(free.trajectory[x]).max(axis=0) for x in ("tau_m", "tau_g"))
     curve = tuple(((0.0, 1.3 * t), (200.0, 1.25 * t), (2000.0, 0.3 * t)) for t in tau)
-    speed = np.linalg.norm(np.gradient(free.trajectory["y_ref"], free.trajectory.time, axis=0), axis=1).max()
-    given = {"torque_speed": curve, "gear_torque": tuple(1.08 * gear), "tool_speed": 0.98 * speed, "reserve": 0.1}
-    rate = np.abs(np.diff(free.trajectory["tau_m"], axis=0) / np.diff(free.trajectory.time)[:, None]).max(axis=0)
+    speed = np.linalg.norm(
+        np.gradient(free.trajectory["y_ref"], free.trajectory.time, axis=0), axis=1
+    ).max()
+    given = {
+        "torque_speed": curve,
+        "gear_torque": tuple(1.08 * gear),
+        "tool_speed": 0.98 * speed,
+        "reserve": 0.1,
+    }
+    rate = np.abs(
+        np.diff(free.trajectory["tau_m"], axis=0) / np.diff(free.trajectory.time)[:, None]
+    ).max(axis=0)
     kept = flexgen.Limits(**given, torque_rate=tuple(0.95 * rate))
     solution = flexgen.solve("planar5_nmp", method="lq", limits=kept, verify=False)
     assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
@@ -74,14 +87,19 @@ def test_limits_of_gears_rates_curves_and_the_tool_are_kept() -> None:
         most = 0.9 * np.interp(np.abs(found["v_m"][:, j]), *np.transpose(points))
         assert (np.abs(found["tau_m"][:, j]) <= most * (1 + KEPT)).all()
     hot = flexgen.Limits(**given, torque_rms=tuple(0.3 * tau))
-    assert flexgen.solve("planar5_nmp", method="lq", limits=hot, verify=False).status == Status.LIMITS_EXCEEDED
+    assert (
+        flexgen.solve("planar5_nmp", method="lq", limits=hot, verify=False).status
+        == Status.LIMITS_EXCEEDED
+    )
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_the_modified_path_is_verified() -> None:
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, method="lq", limits=Limits.from_model(equations.model, torque=22.0))
+    solution = flexgen.solve(
+        equations, method="lq", limits=Limits.from_model(equations.model, torque=22.0)
+    )
     assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
     assert solution.plan_error_max is not None and solution.plan_error_max < 1e-6
     assert solution.tool_error_max_m == pytest.approx(solution.details["deviation_max_m"], rel=1e-2)
@@ -95,9 +113,15 @@ def test_all_limits_of_a_six_axis_robot_are_kept_and_verified() -> None:
     tau, v, q = (free.trajectory[name] for name in ("tau_m", "v_m", "q_a"))
     elastic = np.abs(q[:, list(free.model.i_e)])
     sag = 1.01 * np.maximum(elastic[0], elastic[-1])  # the arm has to rest at both ends
-    bounds = (0.9 * np.abs(tau).max(0), 0.97 * np.abs(v).max(0), np.maximum(0.97 * elastic.max(0), sag))
+    bounds = (
+        0.9 * np.abs(tau).max(0),
+        0.97 * np.abs(v).max(0),
+        np.maximum(0.97 * elastic.max(0), sag),
+    )
     torque, speed, deflection = (tuple(map(float, x)) for x in bounds)
-    solution = flexgen.solve("manutec_r3_24", "line", limits=flexgen.Limits(torque, speed, deflection), time_limit=600)
+    solution = flexgen.solve(
+        "manutec_r3_24", "line", limits=flexgen.Limits(torque, speed, deflection), time_limit=600
+    )
     assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
     tau, v, q = (solution.trajectory[name] for name in ("tau_m", "v_m", "q_a"))
     for values, bound in ((tau, torque), (v, speed), (q[:, list(free.model.i_e)], deflection)):
@@ -108,7 +132,8 @@ def test_all_limits_of_a_six_axis_robot_are_kept_and_verified() -> None:
 
 @needs_compiler
 def test_wide_limits_change_nothing() -> None:
-    free = flexgen.solve("planar5_nmp", method="lq", mesh=0.01, verify=False)  # the mesh of the method with limits
+    # the mesh of the method with limits
+    free = flexgen.solve("planar5_nmp", method="lq", mesh=0.01, verify=False)
     wide = bounded("lq", torque=30.0, speed=1000.0, deflection=0.1)
     assert wide.status == Status.SOLVED
     assert np.array_equal(free.trajectory["tau_m"], wide.trajectory["tau_m"])
@@ -121,8 +146,11 @@ def test_limits_that_cannot_be_kept_are_refused() -> None:
         bounded("lq", torque=5.0)
     with pytest.raises(SolverError, match="no path deviation keeps them"):
         bounded("lq", speed=(1000.0, 20.0))
-    with pytest.raises(SolverError, match=r"^limits: motor m1 needs 8\.57 N m.*choose another path$"):
-        flexgen.solve("planar5_nmp", limits=flexgen.Limits(torque=(5.0, 30.0)))  # no finer mesh is tried
+    with pytest.raises(
+        SolverError, match=r"^limits: motor m1 needs 8\.57 N m.*choose another path$"
+    ):
+        # no finer mesh is tried
+        flexgen.solve("planar5_nmp", limits=flexgen.Limits(torque=(5.0, 30.0)))
 
 
 def test_bends_are_smooth_and_end() -> None:
@@ -158,7 +186,9 @@ def test_a_pose_deviates_with_its_derivatives() -> None:
     assert np.abs((turning[3, 3:] - turning[1, 3:]) / (2 * step) - rising[2, 3:]).max() < DIFFERENCE
 
 
-def test_infeasible_limits_name_the_end_of_the_motion_and_the_excess(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_infeasible_limits_name_the_end_of_the_motion_and_the_excess(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The samples reach half of the path and the support of a spline, 8 of 30 intervals of the path, beyond its end."""
     asked = {}
 
@@ -168,13 +198,21 @@ def test_infeasible_limits_name_the_end_of_the_motion_and_the_excess(monkeypatch
 
     problem = question("planar5_nmp")
     duration, period = problem.path.duration, 1e-3
-    monkeypatch.setattr(limits, "inversion_library", lambda *_, **__: SimpleNamespace(invert_limited=refuse))
+    monkeypatch.setattr(
+        limits, "inversion_library", lambda *_, **__: SimpleNamespace(invert_limited=refuse)
+    )
     bounds = limits._Bounds(problem.equations, Limits((50.0, 50.0), (400.0, 400.0)))
     unlimited = SimpleNamespace(period=period, n_pre=3, n_post=5)
     after = 0.5 * duration + 8 * round(duration / 30 / period) * period
-    with pytest.raises(SolverError, match=f"ends {after:.3g} s after the path: a bound is exceeded by 0.062 of"):
+    with pytest.raises(
+        SolverError, match=f"ends {after:.3g} s after the path: a bound is exceeded by 0.062 of"
+    ):
         limits._modify_path(problem, bounds, unlimited, 2, 1e-6)  # type: ignore[arg-type]
-    assert asked["knot_samples"] == round(duration / 30 / period) and asked["n_pre"] == 3 and asked["n_post"] == 5
+    assert (
+        asked["knot_samples"] == round(duration / 30 / period)
+        and asked["n_pre"] == 3
+        and asked["n_post"] == 5
+    )
     before = problem.windows[0] + 8 * asked["knot_samples"] * period
     assert asked["samples"] == pytest.approx((before + duration + after) / period + 1, abs=8.0)
     with pytest.raises(SolverError):

@@ -26,6 +26,11 @@ def test_the_controller_for_ros_has_the_torque_limits_without_its_file_of_parame
     robot = flexgen.read("elbow", overrides={"motor.m1.torque_max": 30.0})
     package = flexgen.export_ros2(robot, tmp_path / "arm", package="arm", gains=None).directory
     assert "torque_max: [30.0, 0.0]" in (package / "config" / "controller.yaml").read_text()
-    assert re.search(r"TORQUE_MAX = \{30.0, 0.0\};", (package / "include" / "arm" / "arm.hpp").read_text())
+    assert re.search(
+        r"TORQUE_MAX = \{30.0, 0.0\};", (package / "include" / "arm" / "arm.hpp").read_text()
+    )
     source = (package / "src" / "stream_controller.cpp").read_text()
-    assert 'auto_declare<std::vector<double>>("torque_max", std::vector<double>(TORQUE_MAX.begin()' in source
+    assert (
+        'auto_declare<std::vector<double>>("torque_max", std::vector<double>(TORQUE_MAX.begin()'
+        in source
+    )

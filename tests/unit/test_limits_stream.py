@@ -51,7 +51,8 @@ SIX_AXES = [
     pytest.param("manutec_r3_24", 0, 40, id="24, line, 200 ms"),
     pytest.param("manutec_r3_24", 3, 40, id="24, circle, 200 ms", marks=pytest.mark.slow),
 ]
-FOLLOWED = 2e-6  # m: of the simulated tool; a thousandth of a deviation may act on the current motion
+# m: of the simulated tool; a thousandth of a deviation may act on the current motion
+FOLLOWED = 2e-6
 
 CALL = """\
 #include "model_qp.h"
@@ -74,11 +75,23 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., np.ndarra
     (folder / "call.c").write_text(CALL)
     compiler = find_compiler()
     assert compiler is not None
-    command = [*compiler.command, "-std=c99", "-O2", "-shared", "-fPIC", "call.c", "-lm", "-o", "call.so"]
+    command = [
+        *compiler.command,
+        "-std=c99",
+        "-O2",
+        "-shared",
+        "-fPIC",
+        "call.c",
+        "-lm",
+        "-o",
+        "call.so",
+    ]
     subprocess.run(command, cwd=folder, check=True)
     run = ctypes.CDLL(str(folder / "call.so")).run
 
-    def solved(H: np.ndarray, g: np.ndarray, A: np.ndarray, x: np.ndarray, price: float) -> np.ndarray:
+    def solved(
+        H: np.ndarray, g: np.ndarray, A: np.ndarray, x: np.ndarray, price: float
+    ) -> np.ndarray:
         rows, n = A.shape
         sizes = [(n, n), n, (rows, n), rows, rows, n, (n, n), rows, rows, n]
         given = [H, g, A, x]
@@ -100,7 +113,9 @@ def problem(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_program_in_c_finds_what_osqp_finds(program: Callable[..., np.ndarray], seed: int) -> None:
+def test_the_program_in_c_finds_what_osqp_finds(
+    program: Callable[..., np.ndarray], seed: int
+) -> None:
     H, g, A, x = problem(seed)
     solver = osqp.OSQP()
     solver.setup(
@@ -115,19 +130,25 @@ def test_the_program_in_c_finds_what_osqp_finds(program: Callable[..., np.ndarra
     assert np.abs(program(H, g, A, x, 1e-3) - expected).max() > CLOSE * (1 + np.abs(expected).max())
 
 
-def test_a_program_without_solution_passes_its_bounds_alike(program: Callable[..., np.ndarray]) -> None:
+def test_a_program_without_solution_passes_its_bounds_alike(
+    program: Callable[..., np.ndarray],
+) -> None:
     # z <= -1 and z >= 1 at once: any z between costs the same in bounds, so that the cost decides
     z = program(np.eye(1), np.array([-0.25]), np.array([[1.0], [1.0]]), np.array([2.0, -2.0]), 1e3)
     assert z[0] == pytest.approx(0.25, abs=CLOSE)
 
 
-def streamed(model: str = "planar5_nmp", move: int = 0, ahead: int = AHEAD, **limits: Any) -> list[Interval]:
+def streamed(
+    model: str = "planar5_nmp", move: int = 0, ahead: int = AHEAD, **limits: Any
+) -> list[Interval]:
     """A move on a moving horizon."""
     equations = flexgen.derive(model)
     path = Path(equations, equations.model.moves[move])
     y, dy, ddy = given(model, move, ahead)
     library = paths_library(equations, "invert", "stream")
-    stream = library.stream(y[0], path.q_start, period=PERIOD, intervals=ahead, samples_per_interval=5)
+    stream = library.stream(
+        y[0], path.q_start, period=PERIOD, intervals=ahead, samples_per_interval=5
+    )
     if limits:
         stream.limit(**limits)
     return [stream.update(*x) for x in zip(y, dy, ddy, strict=True)]
@@ -147,7 +168,11 @@ def test_a_stream_keeps_torque_limits_and_returns_to_its_path() -> None:
     off = np.array([x.deviation_m for x in kept])
     assert 5e-4 < off.max() < 1e-2 and off[-1] < GONE
     assert strays("planar5_nmp", kept) < FOLLOWED
-    assert any(x.limits_active for x in kept) and not kept[0].limits_active and not any(x.limits_active for x in free)
+    assert (
+        any(x.limits_active for x in kept)
+        and not kept[0].limits_active
+        and not any(x.limits_active for x in free)
+    )
 
 
 def a_tenth_less(free: list[Interval]) -> tuple[float, ...]:
@@ -163,22 +188,33 @@ def strays(model: str | flexgen.RobotModel, intervals: list[Interval]) -> float:
     """How far the tool of the simulated machine is from the one that is planned [m]."""
     equations = flexgen.derive(model)
     robot = equations.model
-    channels = {key: np.concatenate([getattr(x, key) for x in intervals]) for key in ("tau_m", "q_m", "q_a")}
+    channels = {
+        key: np.concatenate([getattr(x, key) for x in intervals]) for key in ("tau_m", "q_m", "q_a")
+    }
     y = evaluate(equations.function("output"), channels["q_a"])[0].reshape(len(channels["q_a"]), -1)
     channels["y_ref"] = y[:, : len(output_labels(robot)["y_ref"])]
     if "R_ref" in output_labels(robot):
-        channels["R_ref"] = evaluate(equations.function("forward_kinematics"), channels["q_a"])[1].reshape(-1, 9)
+        channels["R_ref"] = evaluate(equations.function("forward_kinematics"), channels["q_a"])[
+            1
+        ].reshape(-1, 9)
     arm, motors = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
     labels = {"tau_m": motors, "q_m": motors, "q_a": arm, **output_labels(robot)}
     units = {"tau_m": "N m", "q_m": "rad", "q_a": "rad or m", "y_ref": "m", "R_ref": "-"}
     ports = {key: Port(key, (x.shape[1],), units[key], key) for key, x in channels.items()}
     t = np.arange(len(channels["tau_m"])) * PERIOD / len(intervals[0].tau_m)
-    return simulate(equations, Trajectory(t, channels, ports, labels, {"model": robot.name})).tool_error_max_m or 0.0
+    return (
+        simulate(
+            equations, Trajectory(t, channels, ports, labels, {"model": robot.name})
+        ).tool_error_max_m
+        or 0.0
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "move", "ahead"), SIX_AXES)
-def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: int, ahead: int) -> None:
+def test_six_axes_keep_torque_limits_that_bind_in_all_motors(
+    model: str, move: int, ahead: int
+) -> None:
     bound = a_tenth_less(streamed(model, move, ahead))
     kept = streamed(model, move, ahead, torque=bound)
     assert max(float((np.abs(x.tau_m) / bound).max()) for x in kept) < 1.03
@@ -188,9 +224,12 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: i
     assert strays(model, kept) < FOLLOWED
     # what is told to be off is where the planned motion is
     output = flexgen.derive(model).function("output")
-    y = evaluate(output, np.array([x.q_a[0] for x in kept[ahead:]]))[0].reshape(len(kept) - ahead, -1)
+    y = evaluate(output, np.array([x.q_a[0] for x in kept[ahead:]]))[0].reshape(
+        len(kept) - ahead, -1
+    )
     away = np.linalg.norm(y[:, :3] - given(model, move, ahead)[0][: len(y), :3], axis=1)
-    assert np.abs(np.maximum(away[:-1], away[1:]) - off[ahead:-1]).max() < 1e-6  # at either end of the interval
+    # at either end of the interval
+    assert np.abs(np.maximum(away[:-1], away[1:]) - off[ahead:-1]).max() < 1e-6
 
 
 @pytest.mark.slow
@@ -211,7 +250,9 @@ def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> N
     assert strays("manutec_r3_18", kept) > 100 * FOLLOWED
 
 
-@pytest.mark.parametrize(("name", "ahead", "torque"), [("planar5_nmp", 3, 22.0), ("manutec_r3_24", 15, 1.0)])
+@pytest.mark.parametrize(
+    ("name", "ahead", "torque"), [("planar5_nmp", 3, 22.0), ("manutec_r3_24", 15, 1.0)]
+)
 def test_a_horizon_that_the_zeros_fill_is_refused(name: str, ahead: int, torque: float) -> None:
     with pytest.raises(ArgumentError, match="horizon is too short to keep limits"):
         streamed(name, ahead=ahead, torque=(torque,) * flexgen.derive(name).model.n_m)
@@ -234,7 +275,12 @@ def test_wide_limits_change_nothing_in_a_stream() -> None:
 
 
 def test_wrong_limits_of_a_stream_are_refused() -> None:
-    for bad in ({"torque": (0.0, 1.0)}, {"speed": (np.nan, 1.0)}, {"torque": (1.0,)}, {"deviation": -1.0}):
+    for bad in (
+        {"torque": (0.0, 1.0)},
+        {"speed": (np.nan, 1.0)},
+        {"torque": (1.0,)},
+        {"deviation": -1.0},
+    ):
         with pytest.raises(ArgumentError):
             streamed(**bad)
 
@@ -264,12 +310,15 @@ def largest_uses(model: str, run: list[Interval]) -> dict[str, np.ndarray]:
     equations = flexgen.derive(model)
     robot, n = equations.model, len(run[0].tau_m)
     tau, v_m, tau_g, q, v = (
-        np.concatenate([getattr(x, key) for x in run])[::n] for key in ("tau_m", "v_m", "tau_g", "q_a", "v_a")
+        np.concatenate([getattr(x, key) for x in run])[::n]
+        for key in ("tau_m", "v_m", "tau_g", "q_a", "v_a")
     )
     joints = v[:, list(robot.i_g)]
     jacobian = evaluate(equations.function("jacobian"), q)[0].reshape(len(q), 6, -1)[:, :3]
     tool = np.einsum("nij,nj->ni", jacobian, v)
-    friction = np.array([evaluate(equations.function("motor_friction"), x)[0] for x in v_m]).reshape(len(v_m), -1)
+    friction = np.array(
+        [evaluate(equations.function("motor_friction"), x)[0] for x in v_m]
+    ).reshape(len(v_m), -1)
     signals = {
         "torque_max": tau,
         "speed_max": v_m,
@@ -288,7 +337,10 @@ def a_little_less(model: str) -> dict[str, np.ndarray]:
     """Limits of all kinds that take a tenth away from what motion adds to the values at rest."""
     free = bounded(model)
     most, still = largest_uses(model, free), largest_uses(model, free[:1] * 2)
-    return {key: np.maximum(1.02 * still[key], still[key] + 0.9 * (x - still[key])) for key, x in most.items()}
+    return {
+        key: np.maximum(1.02 * still[key], still[key] + 0.9 * (x - still[key]))
+        for key, x in most.items()
+    }
 
 
 KEPT_IN_STREAMS = 4e-3  # relative: largest excess at the ends of the intervals
@@ -312,18 +364,25 @@ def test_a_stream_keeps_the_torque_speed_curves_of_motors() -> None:
     free, kept = bounded(model), bounded(model, torque_speed=curves)
 
     def use(run: list[Interval]) -> float:
-        tau, v = (np.abs(np.concatenate([getattr(x, key)[:1, 0] for x in run])) for key in ("tau_m", "v_m"))
+        tau, v = (
+            np.abs(np.concatenate([getattr(x, key)[:1, 0] for x in run]))
+            for key in ("tau_m", "v_m")
+        )
         return float((tau / np.interp(v, *np.array(curves[0]).T)).max())
 
     assert use(free) > 1.03 and use(kept) < 1.0 + KEPT_IN_STREAMS
     # a planted bug: the torque at rest is allowed at each speed
     assert use(bounded(model, torque_max=[27.0, np.inf])) > 1.03
     end = [[(0.0, 1e3), (150.0, 999.0)], ()]  # the speed ends with the curve
-    assert max(np.abs(x.v_m[:, 0]).max() for x in bounded(model, torque_speed=end)) < 150.0 * (1.0 + KEPT_IN_STREAMS)
+    assert max(np.abs(x.v_m[:, 0]).max() for x in bounded(model, torque_speed=end)) < 150.0 * (
+        1.0 + KEPT_IN_STREAMS
+    )
 
 
 @pytest.mark.slow
-def test_a_limit_of_gears_does_not_follow_from_a_wrong_jacobian(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_limit_of_gears_does_not_follow_from_a_wrong_jacobian(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A planted bug: torques of gears do not depend on the acceleration of the path."""
     texts = clib_files.read_clib()
     wrong = texts["limits.h"].replace("f->F[i][j] = F[i][j];", "f->F[i][j] = 0.0;")
@@ -348,13 +407,22 @@ def test_limits_of_a_stream_that_it_cannot_have() -> None:
     equations = flexgen.derive("planar5_nmp")
     path = Path(equations, equations.model.moves[0])
     y = given("planar5_nmp", 0, 30)[0][0]
-    plain = paths_library(equations, "invert", "stream").stream(y, path.q_start, period=PERIOD, intervals=30)
-    with pytest.raises(ArgumentError, match=r"has no part limits; generate it with parts=\[\"limits\"\]"):
+    plain = paths_library(equations, "invert", "stream").stream(
+        y, path.q_start, period=PERIOD, intervals=30
+    )
+    with pytest.raises(
+        ArgumentError, match=r"has no part limits; generate it with parts=\[\"limits\"\]"
+    ):
         plain.limit_all(torque_max=[1.0, 1.0])
     stream = with_all_limits("planar5_nmp").stream(y, path.q_start, period=PERIOD, intervals=30)
-    with pytest.raises(ArgumentError, match="stream: given the limit 'gear_torque', expected some of torque_max, "):
+    with pytest.raises(
+        ArgumentError, match="stream: given the limit 'gear_torque', expected some of torque_max, "
+    ):
         stream.limit_all(gear_torque=[1.0, 1.0])
-    with pytest.raises(ArgumentError, match=r"stream, gear_torque_max: given \[ 1. -1.\], expected positive numbers"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"stream, gear_torque_max: given \[ 1. -1.\], expected positive numbers",
+    ):
         stream.limit_all(gear_torque_max=[1.0, -1.0])
     many = [(float(k), 100.0 - 0.1 * k * k) for k in range(22)]
     stream.limit_all(torque_speed=[many[:-1], ()])  # twenty edges
@@ -372,7 +440,8 @@ DRIVES: dict[str, Callable[[str], flexgen.RobotModel]] = {
     "load": loaded,
     "sums": lambda name: harmonic(name, 0.3),
 }
-BENT = 5e-6  # m: as FOLLOWED, where jumps in the high derivatives of the modified path act on bristles
+# m: as FOLLOWED, where jumps in the high derivatives of the modified path act on bristles
+BENT = 5e-6
 OF_DRIVES = [
     pytest.param(name, drive, marks=[pytest.mark.slow] * (name != "elbow"))
     for name in ("elbow", "planar5_nmp", "manutec_r3_18")
@@ -387,12 +456,16 @@ def driven(name: str, drive: str) -> tuple[flexgen.RobotModel, Library]:
     return robot, flexgen.load(folder)
 
 
-def kept_by_drives(name: str, drive: str, library: Library | None = None, **limits: Any) -> list[Interval]:
+def kept_by_drives(
+    name: str, drive: str, library: Library | None = None, **limits: Any
+) -> list[Interval]:
     """The first move on a moving horizon."""
     robot, own = driven(name, drive)
     y, dy, ddy = given(name, 0, 30)
     start = Path(flexgen.derive(name), robot.moves[0]).q_start
-    stream = (library or own).stream(y[0], start, period=PERIOD, intervals=30, samples_per_interval=5)
+    stream = (library or own).stream(
+        y[0], start, period=PERIOD, intervals=30, samples_per_interval=5
+    )
     if limits:
         stream.limit_all(**limits)
     return [stream.update(*x) for x in zip(y, dy, ddy, strict=True)]
@@ -401,7 +474,10 @@ def kept_by_drives(name: str, drive: str, library: Library | None = None, **limi
 def largest_of(run: list[Interval]) -> dict[str, np.ndarray]:
     """The largest torques and speeds of the motors and torques of the gears at all samples."""
     names = {"torque_max": "tau_m", "speed_max": "v_m", "gear_torque_max": "tau_g"}
-    return {key: np.abs(np.concatenate([getattr(x, name) for x in run])).max(axis=0) for key, name in names.items()}
+    return {
+        key: np.abs(np.concatenate([getattr(x, name) for x in run])).max(axis=0)
+        for key, name in names.items()
+    }
 
 
 @pytest.mark.parametrize(("name", "drive"), OF_DRIVES)
@@ -433,7 +509,9 @@ def test_a_limit_that_ignores_the_drive_is_exceeded(
     assert wrong != texts["limits.h"]
     monkeypatch.setattr(clib_files, "read_clib", lambda: {**texts, "limits.h": wrong})
     robot, _ = driven("elbow", drive)
-    library = flexgen.load(flexgen.generate(robot, tmp_path, parts=["limits"], force=True).directory)
+    library = flexgen.load(
+        flexgen.generate(robot, tmp_path, parts=["limits"], force=True).directory
+    )
     free = kept_by_drives("elbow", drive)
     most, still = largest_of(free)["torque_max"], largest_of(free[:1])["torque_max"]
     limit = np.maximum(1.1 * still, still + 0.9 * (most - still))

@@ -23,7 +23,10 @@ from flexgen.library.object_cache import Objects, cache_folder
 from flexgen.loop.controller_files import file_controller
 from flexgen.loop.interface import HEADER, PlugIn
 
-pytestmark = [pytest.mark.skipif(os.name != "posix", reason="needs POSIX permissions"), needs_compiler]
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="needs POSIX permissions"),
+    needs_compiler,
+]
 SOURCE = Path(flexgen.runtime.files.__file__).parents[1]
 OTHER = 65534
 PLUG_IN = """#include "flexgen_controller.h"
@@ -64,7 +67,15 @@ def made(folder: Path, kind: str) -> tuple[Path, Callable[[], object]]:
     if kind == "plug-in":
         (folder / "mine.c").write_text(PLUG_IN)
         path = folder / "mine.so"
-        command = [str(CC), "-shared", "-fPIC", f"-I{HEADER.parent}", "-o", str(path), str(folder / "mine.c")]
+        command = [
+            str(CC),
+            "-shared",
+            "-fPIC",
+            f"-I{HEADER.parent}",
+            "-o",
+            str(path),
+            str(folder / "mine.c"),
+        ]
         subprocess.run(command, check=True)
         return path, lambda: PlugIn(path)
     if kind == "python":
@@ -73,7 +84,10 @@ def made(folder: Path, kind: str) -> tuple[Path, Callable[[], object]]:
         return path, lambda: file_controller(str(path))
     x = ca.SX.sym("x")
     module = casadi_module(ca.Function("square", [x], [x * x]))
-    loads = {"ctypes": lambda: load_module(module).square, "casadi": lambda: external("square", module)(3.0)}
+    loads = {
+        "ctypes": lambda: load_module(module).square,
+        "casadi": lambda: external("square", module)(3.0),
+    }
     return module, loads[kind]
 
 
@@ -92,7 +106,9 @@ def test_code_below_a_folder_of_another_user_is_refused(path_and_load, kind, giv
     path, load = path_and_load
     load()
     give(path.parents[1])
-    with pytest.raises(NAMED[kind], match=f"{path.parents[1]}: given a folder of the owner {OTHER}"):
+    with pytest.raises(
+        NAMED[kind], match=f"{path.parents[1]}: given a folder of the owner {OTHER}"
+    ):
         load()
 
 
@@ -100,12 +116,19 @@ def test_code_below_a_folder_of_another_user_is_refused(path_and_load, kind, giv
 def test_code_of_another_user_or_open_to_every_user_is_refused(path_and_load, kind, monkeypatch):
     path, load = path_and_load
     path.chmod(0o777)
-    with pytest.raises(NAMED[kind], match=rf"{path}: given mode 777, which lets every user write it"):
+    with pytest.raises(
+        NAMED[kind], match=rf"{path}: given mode 777, which lets every user write it"
+    ):
         load()
     path.chmod(0o700)
     real = os.fstat
-    monkeypatch.setattr(os, "fstat", lambda fd: os.stat_result((*real(fd)[:4], OTHER, *real(fd)[5:])))
-    with pytest.raises(NAMED[kind], match=f"{path}: given the owner {OTHER}, expected the user {os.geteuid()} or root"):
+    monkeypatch.setattr(
+        os, "fstat", lambda fd: os.stat_result((*real(fd)[:4], OTHER, *real(fd)[5:]))
+    )
+    with pytest.raises(
+        NAMED[kind],
+        match=f"{path}: given the owner {OTHER}, expected the user {os.geteuid()} or root",
+    ):
         load()
 
 
@@ -148,7 +171,11 @@ def test_a_module_in_the_cache_that_cannot_be_trusted_is_made_again(tmp_path, mo
     whole = path.read_bytes()
     for spoil in (lambda: path.write_bytes(whole[:2000]), lambda: path.chmod(0o777)):
         spoil()
-        assert compile_module("answer", text) == path and path.read_bytes() == whole and path.stat().st_mode & 0o77 == 0
+        assert (
+            compile_module("answer", text) == path
+            and path.read_bytes() == whole
+            and path.stat().st_mode & 0o77 == 0
+        )
 
 
 def test_modules_are_the_users_alone_whatever_the_umask(tmp_path, monkeypatch):
@@ -165,7 +192,9 @@ def test_a_cache_below_a_folder_of_another_user_is_refused(tmp_path, monkeypatch
     (tmp_path / "other").mkdir()
     give(tmp_path / "other")
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "other" / "cache"))
-    with pytest.raises(BuildError, match=f"FLEXGEN_CACHE: given .*of the owner {OTHER}.* choose another"):
+    with pytest.raises(
+        BuildError, match=f"FLEXGEN_CACHE: given .*of the owner {OTHER}.* choose another"
+    ):
         cache_folder()
     monkeypatch.delenv("FLEXGEN_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))
@@ -208,15 +237,23 @@ def test_a_planted_cache_of_bytecode_does_not_run(path_and_load, tmp_path):
 def loads_of(text: str) -> list[str]:
     """Calls in a source that load code from a file."""
     wanted = re.compile(r".*(CDLL|LoadLibrary|dlopen|\bexternal|exec_module|run_path|load_dynamic)")
-    if not any(wanted.match(line) for line in text.splitlines()):  # the tree of all of flexgen takes two seconds
+    # the tree of all of flexgen takes two seconds
+    if not any(wanted.match(line) for line in text.splitlines()):
         return []
-    calls = [ast.unparse(node.func) for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    calls = [
+        ast.unparse(node.func) for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)
+    ]
     return [call for call in calls if wanted.fullmatch(call) and call != "external"]
 
 
 def test_all_code_is_loaded_in_one_place():
     found = {
-        str(path.relative_to(SOURCE)): calls for path in SOURCE.rglob("*.py") if (calls := loads_of(path.read_text()))
+        str(path.relative_to(SOURCE)): calls
+        for path in SOURCE.rglob("*.py")
+        if (calls := loads_of(path.read_text()))
     }
-    assert found == {"runtime/files.py": ["ctypes.CDLL"], "library/casadi_module.py": ["ca.external"]}
+    assert found == {
+        "runtime/files.py": ["ctypes.CDLL"],
+        "library/casadi_module.py": ["ca.external"],
+    }
     assert loads_of("ctypes.CDLL(str(path))") == ["ctypes.CDLL"]  # the planted breach

@@ -48,27 +48,49 @@ def python(program: str, *args: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-W", "error", "-c", program, *map(str, args)]
     paths = os.pathsep.join([str(Path(__file__).parents[2]), str(Path(__file__).parent)])
     environment = {**os.environ, "PYTHONPATH": paths}
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=60, env=environment
+    )
 
 
 # --- what the library says of itself ----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("built", "told_to", "message"),
     [
-        ({"abi": 1}, {}, r"hand_abi_version: given 1, expected 5 \(another version of the interface"),
+        (
+            {"abi": 1},
+            {},
+            r"hand_abi_version: given 1, expected 5 \(another version of the interface",
+        ),
         (
             {},
             {"abi_version": 1},
             "given ABI version 1, expected 5: the library was written by another version of flexgen",
         ),
         ({"sizeof_int": "8"}, {}, r"hand_sizeof_int: given 8, expected 4 \(bytes of an int"),
-        ({"real": "float"}, {}, r"hand_sizeof_real: given 4, expected 8 \(bytes of a number: another precision"),
-        ({}, {"precision": "single"}, r"hand_sizeof_real: given 8, expected 4 \(bytes of a number: another precision"),
+        (
+            {"real": "float"},
+            {},
+            r"hand_sizeof_real: given 4, expected 8 \(bytes of a number: another precision",
+        ),
+        (
+            {},
+            {"precision": "single"},
+            r"hand_sizeof_real: given 8, expected 4 \(bytes of a number: another precision",
+        ),
         ({}, {"precision": "half"}, "precision: given 'half', expected double or single"),
-        ({"digest": "e" * 64}, {}, r"hand_digest: given eee.*, expected ddd.* \(the library of another model\)"),
+        (
+            {"digest": "e" * 64},
+            {},
+            r"hand_digest: given eee.*, expected ddd.* \(the library of another model\)",
+        ),
         ({}, {"sizes": {"n_a": 3, "n_p": 2}}, "hand_n_a: given 2, expected 3"),
         ({}, {"sizes": {"square": 0}}, "given the size 'square', expected n_a"),
-        ({}, {"sizes": {"n_a": 2}}, r"given \(2,\) as the shape of twist's parameters, expected \(0,\)"),
+        (
+            {},
+            {"sizes": {"n_a": 2}},
+            r"given \(2,\) as the shape of twist's parameters, expected \(0,\)",
+        ),
         ({"name": "arm"}, {}, "hand_abi_version: given a library without it"),
     ],
 )
@@ -85,7 +107,13 @@ def test_every_refusal_has_an_advice(tmp_path):
 def test_a_file_name_with_the_hash_of_another_content_is_refused(folder):
     file = library_file(folder)
     renamed = file.rename(folder / f"libhand-{'0' * 16}{file.suffix}")
-    change(folder, build={**json.loads((folder / "manifest.json").read_text())["build"], "library": renamed.name})
+    change(
+        folder,
+        build={
+            **json.loads((folder / "manifest.json").read_text())["build"],
+            "library": renamed.name,
+        },
+    )
     with pytest.raises(BuildError, match="file name 'libhand-0000000000000000"):
         load(folder)
     change(folder, name="arm")
@@ -94,7 +122,14 @@ def test_a_file_name_with_the_hash_of_another_content_is_refused(folder):
 
 
 def test_an_invalid_manifest_is_refused(folder):
-    for text in ("{", "[" * 100_000, "[]", "\xff", "{}", '{"format": 1, "abi_version": 2, "build": 5}'):
+    for text in (
+        "{",
+        "[" * 100_000,
+        "[]",
+        "\xff",
+        "{}",
+        '{"format": 1, "abi_version": 2, "build": 5}',
+    ):
         (folder / "manifest.json").write_text(text, encoding="latin-1")
         with pytest.raises(BuildError):
             load(folder)
@@ -139,13 +174,25 @@ for folder in sys.argv[2:]:
 @linux
 def test_cut_and_garbled_libraries_with_a_matching_hash_do_not_crash(tmp_path):
     whole = compiled()
-    loads = [struct.unpack_from("<IIQQQQQQ", whole, 64 + 56 * k) for k in range(struct.unpack_from("<H", whole, 56)[0])]
+    loads = [
+        struct.unpack_from("<IIQQQQQQ", whole, 64 + 56 * k)
+        for k in range(struct.unpack_from("<H", whole, 56)[0])
+    ]
     end = max(fields[2] + fields[5] for fields in loads)  # of all segments; section headers follow
     lengths = [0, 3, 4, 16, 20, 63, 64, 100, 400, 4096, end // 2, 4 * end // 5, end - 1]
     cases = [whole[:length] for length in lengths]
     rng = np.random.default_rng(6)
-    cases += [rng.bytes(5000), b"\x7fELF" + rng.bytes(5000), whole[:16] + bytes(5000), whole[:64] + rng.bytes(5000)]
-    cases += [b"#!/bin/sh\n", whole[:4] + bytes([1]) + whole[5:], whole[:18] + b"\xff\xff" + whole[20:]]
+    cases += [
+        rng.bytes(5000),
+        b"\x7fELF" + rng.bytes(5000),
+        whole[:16] + bytes(5000),
+        whole[:64] + rng.bytes(5000),
+    ]
+    cases += [
+        b"#!/bin/sh\n",
+        whole[:4] + bytes([1]) + whole[5:],
+        whole[:18] + b"\xff\xff" + whole[20:],
+    ]
     (tmp_path / "one.c").write_text("int one(void) { return 1; }\n")
     subprocess.run([str(CC), "-c", "one.c"], cwd=tmp_path, check=True)
     cases += [(tmp_path / "one.o").read_bytes(), Path("/proc/self/exe").resolve().read_bytes()]
@@ -158,7 +205,8 @@ def test_cut_and_garbled_libraries_with_a_matching_hash_do_not_crash(tmp_path):
         assert "missing or cut" in line or "a cut or garbled library" in line
     for words in ("other addresses or byte order", "ELF machine 65535", "an ELF file of kind 1"):
         assert any(words in line for line in told)
-    assert python(LOAD_ALL, "blind", folders[lengths.index(end // 2)]).returncode != 0  # the planted bug: no check
+    # the planted bug: no check
+    assert python(LOAD_ALL, "blind", folders[lengths.index(end // 2)]).returncode != 0
 
 
 # --- files that others may change -------------------------------------------------------------------------------------
@@ -167,7 +215,9 @@ def test_files_that_every_user_may_write_are_refused(folder):
     for path in (folder, folder / "manifest.json", library_file(folder)):
         mode = stat.S_IMODE(path.stat().st_mode)
         path.chmod(mode | stat.S_IWOTH)
-        with pytest.raises(BuildError, match=rf"{path.name}: given mode .* lets every user write .* chmod o-w"):
+        with pytest.raises(
+            BuildError, match=rf"{path.name}: given mode .* lets every user write .* chmod o-w"
+        ):
             load(folder)
         path.chmod(mode | stat.S_IWGRP)  # a group is chosen
         load(folder)
@@ -189,14 +239,19 @@ def test_files_of_another_user_are_refused(folder, monkeypatch):
     if os.geteuid() == 0:
         for path in (folder, folder / "manifest.json", library_file(folder)):
             os.chown(path, 12345, -1)
-            with pytest.raises(BuildError, match=rf"{path.name}: given the owner 12345, expected the user 0 or root"):
+            with pytest.raises(
+                BuildError,
+                match=rf"{path.name}: given the owner 12345, expected the user 0 or root",
+            ):
                 load(folder)
             os.chown(path, 0, -1)
         load(folder)
     else:
         user = os.geteuid()
         monkeypatch.setattr(os, "geteuid", lambda: user + 1)
-        with pytest.raises(BuildError, match=rf"given the owner {user}, expected the user {user + 1} or root"):
+        with pytest.raises(
+            BuildError, match=rf"given the owner {user}, expected the user {user + 1} or root"
+        ):
             load(folder)
 
 
@@ -205,10 +260,13 @@ def test_symbolic_links_are_refused_but_to_folders(folder, tmp_path):
     (tmp_path / "link").symlink_to(folder)
     load(tmp_path / "link")
     for name in ("manifest.json", library_file(folder).name):
-        for target in (tmp_path / name, folder / f"other-{name}"):  # out of the folder, and within it
+        # out of the folder, and within it
+        for target in (tmp_path / name, folder / f"other-{name}"):
             (folder / name).rename(target)
             (folder / name).symlink_to(target)
-            with pytest.raises(BuildError, match=f"{name}: given a symbolic link, expected the file itself"):
+            with pytest.raises(
+                BuildError, match=f"{name}: given a symbolic link, expected the file itself"
+            ):
                 load(folder)
             (folder / name).unlink()
             target.rename(folder / name)
@@ -244,7 +302,8 @@ def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatc
         return real(name, content)
 
     monkeypatch.setattr(flexgen.runtime.files, "_load_copy", swapped)
-    library = load(folder)  # the digest that the code itself returns is compared with that of the first manifest
+    # the digest that the code itself returns is compared with that of the first manifest
+    library = load(folder)
     assert library.digest == DIGEST
 
 
@@ -341,7 +400,9 @@ def test_a_closed_library_refuses_every_call(folder):
         lambda: pickle.dumps(library),
         lambda: pickle.dumps(square),
     ):
-        with pytest.raises(ArgumentError, match="hand: given a library that was closed, expected an open one"):
+        with pytest.raises(
+            ArgumentError, match="hand: given a library that was closed, expected an open one"
+        ):
             call()
     assert np.array_equal(other.square(Q), Q * Q)  # loaded on its own
 

@@ -30,7 +30,15 @@ from flexgen.runtime.path_inversion import RESULTS, Inverter
 pytestmark = needs_compiler
 
 SOLVER = {"n_pre": 100, "n_post": 100, "samples_per_interval": 5}
-INFOS = ("residual", "residual_at_samples", "kinematic_mismatch", "growth", "iterations", "intervals", "n_post")
+INFOS = (
+    "residual",
+    "residual_at_samples",
+    "kinematic_mismatch",
+    "growth",
+    "iterations",
+    "intervals",
+    "n_post",
+)
 SUPPORT = FilePath(__file__).resolve().parents[1] / "support"
 
 
@@ -38,7 +46,9 @@ SUPPORT = FilePath(__file__).resolve().parents[1] / "support"
 def flexible(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A library with run-time parameters, the one of test_inversion_parameters.py: it is compiled once."""
     folder, kinds = tmp_path_factory.mktemp("many"), ["payload", "stiffness", "damping"]
-    return flexgen.load(flexgen.generate(MODEL, folder / "flexible", parameters=kinds, parts=["bvp"]).directory)
+    return flexgen.load(
+        flexgen.generate(MODEL, folder / "flexible", parameters=kinds, parts=["bvp"]).directory
+    )
 
 
 @cache
@@ -57,7 +67,11 @@ def options(**changes: Any) -> Any:
 
 
 def check_against_loop(
-    library: Any, found: Inversions, problems: list[dict[str, Any]], outputs: tuple[str, ...], **solver: Any
+    library: Any,
+    found: Inversions,
+    problems: list[dict[str, Any]],
+    outputs: tuple[str, ...],
+    **solver: Any,
 ) -> None:
     """Every bit of the problems whose status is not negative is that of `invert`, called one by one."""
     assert len(found) == len(problems)
@@ -77,10 +91,14 @@ def check_against_loop(
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_bits_are_those_of_invert_for_parameters_of_each_problem(flexible: Any, workers: int) -> None:
+def test_bits_are_those_of_invert_for_parameters_of_each_problem(
+    flexible: Any, workers: int
+) -> None:
     values = drawn(flexible, 12)
     values[3, 1], values[8, 0] = np.nan, np.inf
-    found = flexible.invert_many(**path(), parameters=values, outputs=RESULTS, options=options(workers=workers))
+    found = flexible.invert_many(
+        **path(), parameters=values, outputs=RESULTS, options=options(workers=workers)
+    )
     assert found.status.tolist() == [-2 if k in (3, 8) else 0 for k in range(12)]
     assert found.counts() == {"success": 10, "an input is not finite; the outputs are NaN": 2}
     check_against_loop(flexible, found, [{**path(), "parameters": p} for p in values], RESULTS)
@@ -92,10 +110,13 @@ def test_bits_are_those_of_invert_for_paths_of_each_problem(flexible: Any) -> No
     y, dy, ddy = (one[key] * scales[:, None, None] for key in ("y", "dy", "ddy"))
     y[4, 7, 1] = np.nan
     starts = np.tile(one["q_start"], (5, 1)) + 1e-3 * np.arange(5)[:, None]
-    found = flexible.invert_many(y, dy, ddy, period=PERIOD, q_start=starts, options=options(growth=True, settled=1e-6))
+    found = flexible.invert_many(
+        y, dy, ddy, period=PERIOD, q_start=starts, options=options(growth=True, settled=1e-6)
+    )
     assert found.status.tolist() == [0, 0, -7, 0, -2] and found.q_a is None
     problems = [
-        {"y": y[k], "dy": dy[k], "ddy": ddy[k], "period": PERIOD, "q_start": starts[k]} for k in range(len(scales))
+        {"y": y[k], "dy": dy[k], "ddy": ddy[k], "period": PERIOD, "q_start": starts[k]}
+        for k in range(len(scales))
     ]
     check_against_loop(flexible, found, problems, ("tau_m",), **SOLVER, growth=True, settled=1e-6)
 
@@ -104,21 +125,31 @@ def test_a_model_without_unactuated_coordinates() -> None:
     library, line = loaded("elbow"), samples("elbow")
     starts = line["q_start"] + 1e-3 * np.arange(5)[:, None]
     problem = {key: line[key] for key in ("y", "dy", "ddy")} | {"period": PERIOD}
-    found = library.invert_many(**problem, q_start=starts, options=flexgen.InversionOptions(n_post=20))
+    found = library.invert_many(
+        **problem, q_start=starts, options=flexgen.InversionOptions(n_post=20)
+    )
     assert (found.status == 0).all()
-    check_against_loop(library, found, [{**problem, "q_start": q} for q in starts], ("tau_m",), n_post=20)
+    check_against_loop(
+        library, found, [{**problem, "q_start": q} for q in starts], ("tau_m",), n_post=20
+    )
 
 
 @pytest.mark.slow
 def test_single_precision(tmp_path: Any) -> None:
     names = [name for name in INVERSION if name != "inversion_jacobians"]
-    made = flexgen.generate("elbow", tmp_path / "single", precision="single", parameters=["stiffness"], functions=names)
+    made = flexgen.generate(
+        "elbow", tmp_path / "single", precision="single", parameters=["stiffness"], functions=names
+    )
     library, line = flexgen.load(made.directory), samples("elbow")
     values = drawn(library, 5)
     problem = {**line, "period": PERIOD}
-    found = library.invert_many(**problem, parameters=values, options=flexgen.InversionOptions(n_post=20))
+    found = library.invert_many(
+        **problem, parameters=values, options=flexgen.InversionOptions(n_post=20)
+    )
     assert found.tau_m is not None and found.tau_m.dtype == np.float32
-    check_against_loop(library, found, [{**problem, "parameters": p} for p in values], ("tau_m",), n_post=20)
+    check_against_loop(
+        library, found, [{**problem, "parameters": p} for p in values], ("tau_m",), n_post=20
+    )
 
 
 @pytest.mark.slow
@@ -126,7 +157,11 @@ def test_single_precision(tmp_path: Any) -> None:
 def test_six_axes_with_18_degrees_of_freedom(tmp_path: Any, precision: Any) -> None:
     kinds = ["stiffness", "payload"]
     made = flexgen.generate(
-        "manutec_r3_18", tmp_path / "r3", precision=precision, parameters=kinds, functions=list(INVERSION)
+        "manutec_r3_18",
+        tmp_path / "r3",
+        precision=precision,
+        parameters=kinds,
+        functions=list(INVERSION),
     )
     library, planned = flexgen.load(made.directory), flexgen.plan("manutec_r3_18", "line")
     step = 1e-2 if precision == "single" else 5e-3
@@ -135,9 +170,18 @@ def test_six_axes_with_18_degrees_of_freedom(tmp_path: Any, precision: Any) -> N
     problem = {"y": y, "dy": dy, "ddy": ddy, "period": step, "q_start": planned.q_start}
     values = drawn(library, 6)
     values[2] = np.nan
-    found = library.invert_many(**problem, parameters=values, options=flexgen.InversionOptions(n_pre=20, n_post=40))
+    found = library.invert_many(
+        **problem, parameters=values, options=flexgen.InversionOptions(n_pre=20, n_post=40)
+    )
     assert found.status[2] == -2 and (np.delete(found.status, 2) >= 0).all()
-    check_against_loop(library, found, [{**problem, "parameters": p} for p in values], ("tau_m",), n_pre=20, n_post=40)
+    check_against_loop(
+        library,
+        found,
+        [{**problem, "parameters": p} for p in values],
+        ("tau_m",),
+        n_pre=20,
+        n_post=40,
+    )
 
 
 def test_chunks_are_reduced_as_they_come(flexible: Any) -> None:
@@ -155,14 +199,20 @@ def test_chunks_are_reduced_as_they_come(flexible: Any) -> None:
     assert np.array_equal(found.reduced, np.abs(whole.tau_m).max(axis=1))
     assert np.array_equal(found.residual, whole.residual)
     for wrong in (lambda chunk: 1.0, lambda chunk: chunk.tau_m[:0], lambda chunk: [[1], [1, 2]]):
-        with pytest.raises(ArgumentError, match=r"reduce: given a function that returned .* one row"):
+        with pytest.raises(
+            ArgumentError, match=r"reduce: given a function that returned .* one row"
+        ):
             flexible.invert_many(**path(), parameters=values, options=options(reduce=wrong))
     with pytest.raises(ZeroDivisionError):
-        flexible.invert_many(**path(), parameters=values, options=options(reduce=lambda chunk: 1 / 0))
+        flexible.invert_many(
+            **path(), parameters=values, options=options(reduce=lambda chunk: 1 / 0)
+        )
 
 
 @pytest.mark.slow
-def test_a_planted_workspace_that_threads_share_changes_bits(flexible: Any, monkeypatch: Any) -> None:
+def test_a_planted_workspace_that_threads_share_changes_bits(
+    flexible: Any, monkeypatch: Any
+) -> None:
     library, values = flexgen.load(flexible.directory), drawn(flexible, 400)
     expected = flexible.invert_many(**path(), parameters=values, options=options(workers=1))
     shared = np.empty(10**6)
@@ -199,9 +249,15 @@ def test_planted_c_that_stops_at_the_first_failure_is_seen(flexible: Any, monkey
         ({"y": np.zeros(4)}, r"y: given shape \(4,\)"),
         ({"y": np.zeros((2, 5, 3))}, r"y: given shape \(2, 5, 3\), expected \(2, 5, 2\)"),
         ({"dy": np.zeros((2, 5, 2))}, "dy: given shape"),
-        ({"q_start": np.zeros((2, 2))}, r"q_start: given shape \(2, 2\), expected \(3,\) or \(problems, 3\)"),
+        (
+            {"q_start": np.zeros((2, 2))},
+            r"q_start: given shape \(2, 2\), expected \(3,\) or \(problems, 3\)",
+        ),
         ({"parameters": np.zeros((3, 1))}, "parameters: given shape"),
-        ({"q_start": np.zeros((2, 3))}, "given 3 of parameters, 2 of q_start, expected the same number"),
+        (
+            {"q_start": np.zeros((2, 3))},
+            "given 3 of parameters, 2 of q_start, expected the same number",
+        ),
         ({"parameters": None}, "for one problem call invert"),
         ({"outputs": "tau_m"}, "outputs: given 'tau_m', expected some of"),
         ({"outputs": ("tau",)}, "outputs: given"),
@@ -220,7 +276,12 @@ def test_invalid_arguments_are_refused(flexible: Any, changes: dict[str, Any], w
 
 def test_no_problems_have_empty_results(flexible: Any) -> None:
     found = flexible.invert_many(**path(), parameters=drawn(flexible, 0), options=options())
-    assert len(found) == 0 and found.tau_m is not None and found.tau_m.shape[0] == 0 and found.counts() == {}
+    assert (
+        len(found) == 0
+        and found.tau_m is not None
+        and found.tau_m.shape[0] == 0
+        and found.counts() == {}
+    )
 
 
 def test_a_library_without_parameters_or_inversion_says_so(tmp_path: Any) -> None:
@@ -229,7 +290,9 @@ def test_a_library_without_parameters_or_inversion_says_so(tmp_path: Any) -> Non
         library.invert_many(**one, parameters=np.zeros((2, 3)))
     starts = np.tile(one["q_start"], (2, 1))
     assert (library.invert_many(**{**one, "q_start": starts}, options=options()).status == 0).all()
-    small = flexgen.load(flexgen.generate("elbow", tmp_path / "small", functions=["gravity"]).directory)
+    small = flexgen.load(
+        flexgen.generate("elbow", tmp_path / "small", functions=["gravity"]).directory
+    )
     with pytest.raises(ArgumentError, match="without invert"):
         _ = small.invert_many
 
@@ -238,12 +301,15 @@ def test_it_is_pickled_and_refused_once_closed(flexible: Any) -> None:
     values = drawn(flexible, 2)
     expected = flexible.invert_many(**path(), parameters=values, options=options())
     again = pickle.loads(pickle.dumps(flexible.invert_many))
-    assert np.array_equal(again(**path(), parameters=values, options=options()).tau_m, expected.tau_m)
+    assert np.array_equal(
+        again(**path(), parameters=values, options=options()).tau_m, expected.tau_m
+    )
     assert repr(again).startswith("invert_many(y, dy, ddy")
     library = flexgen.load(flexible.directory)
     many, closing = library.invert_many, threading.Timer(0.05, library.close)
     closing.start()
-    found = many(**path(), parameters=drawn(flexible, 600), options=options())  # a call under way ends as usual
+    # a call under way ends as usual
+    found = many(**path(), parameters=drawn(flexible, 600), options=options())
     closing.join()
     assert (found.status == 0).all()
     with pytest.raises(ArgumentError, match="closed"):
@@ -257,11 +323,15 @@ def test_ctrl_c_stops_soon_and_progress_is_reported(flexible: Any) -> None:
     began = time.perf_counter()
     with pytest.raises(KeyboardInterrupt):
         flexible.invert_many(
-            **path(), parameters=values, options=options(progress=lines.append, reduce=lambda chunk: chunk.residual)
+            **path(),
+            parameters=values,
+            options=options(progress=lines.append, reduce=lambda chunk: chunk.residual),
         )
     assert time.perf_counter() - began < 5.0
     assert lines and lines[-1].endswith(" of 100000 problems")
-    assert threading.active_count() < 10 and not any(t.name.startswith("invert_many") for t in threading.enumerate())
+    assert threading.active_count() < 10 and not any(
+        t.name.startswith("invert_many") for t in threading.enumerate()
+    )
 
 
 @pytest.mark.slow
@@ -276,8 +346,23 @@ def test_sanitized_c_has_the_bits_of_single_calls(tmp_path: Any) -> None:
     arrays = [y * scales, dy * scales, ddy * scales, np.tile(planned.q_start, (4, 1))]
     folder = made(MODEL).directory
     used = {f"{MODEL}_{name}" for name in ("inversion", "linearize", *INVERSION)} | {MODEL}
-    files = [SUPPORT / "programs" / "many_paths.c", *(file for file in sources(folder) if file.stem in used)]
-    run(CC, *SANITIZE, "-std=c99", "-ffp-contract=off", "-I", folder, *files, "-lm", "-o", "many", folder=tmp_path)
+    files = [
+        SUPPORT / "programs" / "many_paths.c",
+        *(file for file in sources(folder) if file.stem in used),
+    ]
+    run(
+        CC,
+        *SANITIZE,
+        "-std=c99",
+        "-ffp-contract=off",
+        "-I",
+        folder,
+        *files,
+        "-lm",
+        "-o",
+        "many",
+        folder=tmp_path,
+    )
     data = b"".join(np.ascontiguousarray(x).tobytes() for x in arrays)
     answer = subprocess.run([tmp_path / "many"], input=data, capture_output=True, check=False)
     assert answer.returncode == 0, answer.stderr.decode()[:2000]

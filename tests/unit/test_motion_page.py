@@ -41,7 +41,11 @@ def data_of(name: str, verify: bool = False):
 def test_the_poses_are_those_of_the_robot(name):
     equations, solution = solved(name)
     data, trajectory = data_of(name), solution.trajectory
-    assert len(data["time"]) == FRAMES and data["factors"][0] == 1 and data["factor"] in data["factors"]
+    assert (
+        len(data["time"]) == FRAMES
+        and data["factors"][0] == 1
+        and data["factor"] in data["factors"]
+    )
     assert all(len(poses) == FRAMES for poses in data["poses"])
     k = FRAMES // 2
     q = trajectory.at(data["time"][k])["q_a"]
@@ -51,7 +55,9 @@ def test_the_poses_are_those_of_the_robot(name):
     motors = [kind for _, kind in data["joints"] if kind != "free"]
     assert len(motors) <= equations.model.n_g and len(data["poses"][0][0]) % 3 == 0
     assert all(point < len(data["poses"][0][0]) // 3 for point, _ in data["joints"])
-    assert len(data["beams"]) == sum(element.beam is not None for element in equations.model.elements)
+    assert len(data["beams"]) == sum(
+        element.beam is not None for element in equations.model.elements
+    )
     assert len(data["views"]) == (3 if name == "manutec_r3" else 1)
 
 
@@ -59,15 +65,22 @@ def test_deflections_are_exaggerated_by_the_factor():
     equations, solution = solved("planar5_nmp")
     data, model = data_of("planar5_nmp"), equations.model
     begun = begin(solution.trajectory, solution.move.duration)
-    assert data["time"] == pytest.approx(np.linspace(begun, solution.trajectory.time[-1], FRAMES), abs=1e-5)
+    assert data["time"] == pytest.approx(
+        np.linspace(begun, solution.trajectory.time[-1], FRAMES), abs=1e-5
+    )
     true, twice = (
-        np.array(data["poses"][data["factors"].index(f)]).reshape(FRAMES, -1, 3) for f in data["factors"][:2]
+        np.array(data["poses"][data["factors"].index(f)]).reshape(FRAMES, -1, 3)
+        for f in data["factors"][:2]
     )
     moved = np.linalg.norm(twice - true, axis=2).max() / (data["factors"][1] - 1)
-    largest = 0.08 * np.ptp(true.reshape(-1, 3), axis=0).max() / moved  # of the factor that is shown first
+    # of the factor that is shown first
+    largest = 0.08 * np.ptp(true.reshape(-1, 3), axis=0).max() / moved
     steps = np.outer(10.0 ** np.arange(7), [1, 2, 5]).ravel()
     assert data["factor"] == steps[steps <= largest].max() > 1
-    assert data["factors"] == [1, *steps[(steps > 1) & (steps >= data["factor"] / 10) & (steps <= 2 * data["factor"])]]
+    assert data["factors"] == [
+        1,
+        *steps[(steps > 1) & (steps >= data["factor"] / 10) & (steps <= 2 * data["factor"])],
+    ]
     k = FRAMES // 2
     at = solution.trajectory.at(data["time"][k])
     undeflected = np.zeros(model.n_a)
@@ -85,7 +98,10 @@ def test_a_simulated_motion_is_shown_where_there_is_one():
     other = SimpleNamespace(trajectory=still)
     data = motion_data(equations, planned, other, solution.move.duration)
     assert data["simulated"] and np.ptp(np.array(data["poses"][0]), axis=0).max() == 0.0
-    assert not data_of("planar5_nmp")["simulated"] and np.ptp(data_of("planar5_nmp")["poses"][0], axis=0).max() > 0.01
+    assert (
+        not data_of("planar5_nmp")["simulated"]
+        and np.ptp(data_of("planar5_nmp")["poses"][0], axis=0).max() > 0.01
+    )
 
 
 def test_rigid_robots_are_not_exaggerated():
@@ -96,7 +112,9 @@ def test_rigid_robots_are_not_exaggerated():
 @pytest.mark.slow
 def test_robots_without_extent_have_no_page(tmp_path):
     equations, solution = solved("four_mass@high")
-    assert write_motion(equations, solution.trajectory, None, tmp_path, solution.move.duration) is None
+    assert (
+        write_motion(equations, solution.trajectory, None, tmp_path, solution.move.duration) is None
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -114,7 +132,9 @@ def test_the_page_needs_nothing_else_and_runs_no_text_of_a_model(tmp_path):
     (tmp_path / "b" / "motion.html").write_text("mine")
     with pytest.raises(ArgumentError, match=r"where motion\.html is of another program"):
         write_motion(equations, trajectory, None, tmp_path / "b", 1.0)
-    assert write_motion(equations, trajectory, None, tmp_path, 1.0).read_text(encoding="utf-8") == text
+    assert (
+        write_motion(equations, trajectory, None, tmp_path, 1.0).read_text(encoding="utf-8") == text
+    )
 
 
 @pytest.mark.slow
@@ -134,15 +154,21 @@ def test_the_script_draws_plays_and_stops(tmp_path, name):
 
     def run(actions):
         command = [NODE, str(PROGRAM), str(path), json.dumps(actions)]
-        return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        return json.loads(
+            subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        )
 
     played = run([["frame", None, 0, None], ["frame", None, 1000, None]])
     assert played["texts"]["play"] == "" and played["value"] > data["time"][0]
-    stopped = run([["play", None, None, "click"], ["frame", None, 0, None], ["frame", None, 1000, None]])
+    stopped = run(
+        [["play", None, None, "click"], ["frame", None, 0, None], ["frame", None, 1000, None]]
+    )
     assert stopped["texts"]["play"] == "Play" and stopped["value"] == data["time"][0]
     found = run([["slider", "value", late, "input"], ["factor", "value", 0, "input"]])
     assert found["texts"]["clock"] == f"{late:.3f} s" and found["texts"]["play"] == "Play"
-    texts = [next(call[1] for call in drawing if call[0] == "fillText") for drawing in found["drawings"]]
+    texts = [
+        next(call[1] for call in drawing if call[0] == "fillText") for drawing in found["drawings"]
+    ]
     if data["factor"] > 1:
         assert texts[0] == texts[1] == f"deflections \u00d7 {data['factor']}"
     assert texts[2] == "deflections as they are"
@@ -154,5 +180,11 @@ def test_the_script_draws_plays_and_stops(tmp_path, name):
         found = run([["factor", "value", 1.5, "input"]])
         low, high = data["factors"][1:3]
         assert found["texts"]["size"] == f"\u00d7 {(low + high) / 2:g}"
-    numbers = [value for drawing in found["drawings"] for call in drawing for value in call if value is None]
+    numbers = [
+        value
+        for drawing in found["drawings"]
+        for call in drawing
+        for value in call
+        if value is None
+    ]
     assert numbers == []  # JSON writes NaN as null

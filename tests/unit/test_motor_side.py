@@ -17,7 +17,13 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion import problem as problems
 from flexgen.inversion import sampling
 from flexgen.inversion.methods import baselines
-from flexgen.inversion.motor_side import _hermite, _integrate_deflections, deflections, gear_torques, motor_motion
+from flexgen.inversion.motor_side import (
+    _hermite,
+    _integrate_deflections,
+    deflections,
+    gear_torques,
+    motor_motion,
+)
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.numerics.gear_lag import gear_lag
 
@@ -33,7 +39,10 @@ def lagging(t: np.ndarray, stiffness: float, damping: float, start: float) -> np
     """The deflection under `TORQUE`: the particular polynomial and the decaying exponential."""
     particular = Polynomial([0.0])
     for k in range(6):
-        particular = particular + (TORQUE.deriv(k) if k else TORQUE) * (-damping / stiffness) ** k / stiffness
+        particular = (
+            particular
+            + (TORQUE.deriv(k) if k else TORQUE) * (-damping / stiffness) ** k / stiffness
+        )
     return particular(t) + (start - particular(t[0])) * np.exp(-stiffness / damping * (t - t[0]))
 
 
@@ -57,13 +66,17 @@ def test_steps_of_gears_apply_to_further_axes() -> None:
     one = lag.deflections(tau, np.array([0.01]))
     more = lag.deflections(tau[..., None] * np.array([1.0, 3.0]), np.array([[0.01, 0.03]]))
     np.testing.assert_allclose(more[:, 0, :], one * [1.0, 3.0], rtol=1e-14)
-    assert lag.decay[:2] == pytest.approx(np.exp(-9.0 / 7.0)) and lag.decay[5, 0] == pytest.approx(np.exp(-0.45 / 7))
+    assert lag.decay[:2] == pytest.approx(np.exp(-9.0 / 7.0)) and lag.decay[5, 0] == pytest.approx(
+        np.exp(-0.45 / 7)
+    )
 
 
 def test_springs_with_curvature_are_integrated_as_by_scipy() -> None:
     x = ca.SX.sym("x", 2)
     torque = ca.vertcat(300 * x[0] + 4e3 * x[0] ** 3, 90 * x[1] + 50 * x[1] ** 3)
-    spring = ca.Function("spring", [x], [torque, ca.vertcat(300 + 12e3 * x[0] ** 2, 90 + 150 * x[1] ** 2)])
+    spring = ca.Function(
+        "spring", [x], [torque, ca.vertcat(300 + 12e3 * x[0] ** 2, 90 + 150 * x[1] ** 2)]
+    )
     D, t, start = np.array([4.0, 11.0]), np.linspace(0.0, 0.2, 81), np.array([0.02, -0.1])
     tau = np.stack([rates(TORQUE, t), -2 * rates(TORQUE, t)], axis=1)
     found = _integrate_deflections(spring, D, t, tau, start)
@@ -72,13 +85,18 @@ def test_springs_with_curvature_are_integrated_as_by_scipy() -> None:
         value = np.array([TORQUE(s), -2 * TORQUE(s)])
         return (value - [300 * p[0] + 4e3 * p[0] ** 3, 90 * p[1] + 50 * p[1] ** 3]) / D
 
-    exact = solve_ivp(rate, (0.0, 0.2), start, method="DOP853", t_eval=t, rtol=1e-12, atol=1e-14).y.T
+    exact = solve_ivp(
+        rate, (0.0, 0.2), start, method="DOP853", t_eval=t, rtol=1e-12, atol=1e-14
+    ).y.T
     np.testing.assert_allclose(found, exact, atol=2e-10)
 
 
 def test_quintic_hermite_interpolation_reproduces_a_quintic() -> None:
     c = np.array([0.0, 0.3, 0.55, 1.0])
-    left, right = (np.stack([rates(TORQUE, np.array([t]))[0], -rates(TORQUE, np.array([t]))[0]]) for t in (0.2, 0.45))
+    left, right = (
+        np.stack([rates(TORQUE, np.array([t]))[0], -rates(TORQUE, np.array([t]))[0]])
+        for t in (0.2, 0.45)
+    )
     found = _hermite(c, 0.25, left, right)
     np.testing.assert_allclose(found, np.outer(TORQUE(0.2 + 0.25 * c), [1, -1]), rtol=1e-13)
 
@@ -90,10 +108,16 @@ def test_differences_of_order_six_are_exact_for_polynomials() -> None:
     first = np.stack([6 * u**5, 10 * u**4 - 1], axis=1)
     second = np.stack([30 * u**4, 40 * u**3], axis=1)
     np.testing.assert_allclose(sampling.time_derivative(x, h)[inside], first[inside], rtol=1e-10)
-    np.testing.assert_allclose(sampling.second_time_derivative(x, h)[inside], second[inside], rtol=1e-9)
+    np.testing.assert_allclose(
+        sampling.second_time_derivative(x, h)[inside], second[inside], rtol=1e-9
+    )
     padded = np.concatenate([x[:1]] * 3 + [x] + [x[-1:]] * 3)  # rest before and after
-    np.testing.assert_allclose(sampling.time_derivative(padded, h)[3:12], sampling.time_derivative(x, h), atol=1e-11)
-    np.testing.assert_allclose(sampling.second_time_derivative(padded, h)[3:12], sampling.second_time_derivative(x, h))
+    np.testing.assert_allclose(
+        sampling.time_derivative(padded, h)[3:12], sampling.time_derivative(x, h), atol=1e-11
+    )
+    np.testing.assert_allclose(
+        sampling.second_time_derivative(padded, h)[3:12], sampling.second_time_derivative(x, h)
+    )
 
 
 @pytest.mark.parametrize("lag", [0.0, 2e-6, 0.03])
@@ -105,7 +129,9 @@ def test_motors_behind_damped_gears_satisfy_the_equation_of_the_gear(lag: float)
             e,
             dofs=tuple(
                 dataclasses.replace(
-                    d, gear=d.gear and dataclasses.replace(d.gear, damping=lag * d.gear.spring.stiffness)
+                    d,
+                    gear=d.gear
+                    and dataclasses.replace(d.gear, damping=lag * d.gear.spring.stiffness),
                 )
                 for d in e.dofs
             ),
@@ -115,17 +141,27 @@ def test_motors_behind_damped_gears_satisfy_the_equation_of_the_gear(lag: float)
     equations = Equations(dataclasses.replace(robot, elements=elements))
     t = np.linspace(0.0, 0.3, 301)
     wave = 1 - np.cos(10 * t)
-    tau_g = np.stack([np.stack([wave, 10 * np.sin(10 * t), 100 * np.cos(10 * t)], axis=-1)] * 2, axis=1) * [
+    tau_g = np.stack(
+        [np.stack([wave, 10 * np.sin(10 * t), 100 * np.cos(10 * t)], axis=-1)] * 2, axis=1
+    ) * [
         [2.0],
         [-0.7],
     ]
     zero = np.zeros((301, 3))
     found = motor_motion(equations, t, zero, zero, zero, tau_g)
     p, dp, ddp = deflections(equations, t, tau_g)
-    K = np.array([c.dof.gear.spring.stiffness for c in equations.model.coordinates if c.dof and c.dof.gear])
-    np.testing.assert_allclose(K * (lag * dp + p), tau_g[:, :, 0], atol=2e-9 if lag < 1e-3 else 1e-11)
-    np.testing.assert_allclose(np.gradient(p, t, axis=0)[5:-5], dp[5:-5], atol=2e-4 * np.abs(dp).max())
-    np.testing.assert_allclose(np.gradient(dp, t, axis=0)[9:-9], ddp[9:-9], atol=2e-3 * np.abs(ddp).max())
+    K = np.array(
+        [c.dof.gear.spring.stiffness for c in equations.model.coordinates if c.dof and c.dof.gear]
+    )
+    np.testing.assert_allclose(
+        K * (lag * dp + p), tau_g[:, :, 0], atol=2e-9 if lag < 1e-3 else 1e-11
+    )
+    np.testing.assert_allclose(
+        np.gradient(p, t, axis=0)[5:-5], dp[5:-5], atol=2e-4 * np.abs(dp).max()
+    )
+    np.testing.assert_allclose(
+        np.gradient(dp, t, axis=0)[9:-9], ddp[9:-9], atol=2e-3 * np.abs(ddp).max()
+    )
     eta, J = equations.model.eta, np.array([m.inertia for m in equations.model.motors])
     np.testing.assert_allclose(found.q_m, p @ eta.T, rtol=1e-14)
     np.testing.assert_allclose(found.v_m, dp @ eta.T, rtol=1e-14)
@@ -137,7 +173,9 @@ def test_motors_behind_damped_gears_satisfy_the_equation_of_the_gear(lag: float)
     np.testing.assert_allclose(
         found.tau_m, J * (ddp @ eta.T) + friction + tau_g[:, :, 0] @ np.linalg.inv(eta), atol=1e-9
     )
-    np.testing.assert_allclose(gear_torques(equations, zero, zero, zero, found), tau_g[:, :, 0], atol=1e-8)
+    np.testing.assert_allclose(
+        gear_torques(equations, zero, zero, zero, found), tau_g[:, :, 0], atol=1e-8
+    )
 
 
 def made_problem(**values: Any) -> Any:
@@ -174,9 +212,13 @@ def made_problem(**values: Any) -> Any:
         ({"step": 1e-6}, 0.01, (int(9e5 / 1.35) + 1, 1 / int(9e5 / 1.35), 6667, 66667, 166667)),
     ],
 )
-def test_the_sampling_grid_of_a_problem(values: dict[str, Any], h: float, expected: tuple[Any, ...]) -> None:
+def test_the_sampling_grid_of_a_problem(
+    values: dict[str, Any], h: float, expected: tuple[Any, ...]
+) -> None:
     found = sampling.grid(made_problem(**values), h)
-    assert found[:1] + found[2:] == expected[:1] + expected[2:] and found[1] == pytest.approx(expected[1], rel=1e-14)
+    assert found[:1] + found[2:] == expected[:1] + expected[2:] and found[1] == pytest.approx(
+        expected[1], rel=1e-14
+    )
 
 
 def test_a_mesh_with_too_many_samples_is_refused() -> None:
@@ -194,20 +236,28 @@ def test_a_mesh_with_too_many_samples_is_refused() -> None:
 
 def test_meshes_before_on_and_after_the_path() -> None:
     equal = problems._mesh(0.1, 0.04, 0.5, 0.3, 0.05, np.inf)
-    np.testing.assert_allclose(equal, np.r_[np.linspace(-0.1, 0, 4), np.linspace(0, 0.5, 11)[1:], [0.6, 0.7, 0.8]])
+    np.testing.assert_allclose(
+        equal, np.r_[np.linspace(-0.1, 0, 4), np.linspace(0, 0.5, 11)[1:], [0.6, 0.7, 0.8]]
+    )
     np.testing.assert_allclose(problems._mesh(0.0, 0.04, 0.5, 0.0, 0.25, 0.01), [0, 0.25, 0.5])
-    np.testing.assert_allclose(problems._mesh(0.3, 0.5, 0.5, 0.0, 0.1, np.inf)[:3], [-0.3, -0.15, 0.0])
+    np.testing.assert_allclose(
+        problems._mesh(0.3, 0.5, 0.5, 0.0, 0.1, np.inf)[:3], [-0.3, -0.15, 0.0]
+    )
     short = [-0.03, 0.0, 0.02, 0.06]  # of one interval each
     np.testing.assert_allclose(problems._mesh(0.03, 0.5, 0.02, 0.04, 0.1, np.inf), short)
     graded = problems._graded_nodes(0.4, 0.15, 0.04)
     assert graded is not None
     lengths = np.array([0.04, 0.06, 0.09, 0.135, 0.15])
     np.testing.assert_allclose(graded, -np.r_[0, np.cumsum(lengths)][::-1] * 0.4 / lengths.sum())
-    assert problems._graded_nodes(0.4, 0.15, 0.15) is None and problems._graded_nodes(0.0, 0.15, 0.04) is None
+    assert (
+        problems._graded_nodes(0.4, 0.15, 0.15) is None
+        and problems._graded_nodes(0.0, 0.15, 0.04) is None
+    )
     np.testing.assert_allclose(problems._mesh(0.4, 9.0, 0.5, 0.0, 0.075, 0.04)[:6], graded)
     assert len(problems._mesh(0.0, 1.0, 1.0, 0.0, 5e-5, np.inf)) == 20_001
     with pytest.raises(
-        ArgumentError, match=r"mesh: given 4.99e-05 s, which makes 20041 intervals over 1 s, expected at most 20000"
+        ArgumentError,
+        match=r"mesh: given 4.99e-05 s, which makes 20041 intervals over 1 s, expected at most 20000",
     ):
         problems._mesh(0.0, 1.0, 1.0, 0.0, 4.99e-5, np.inf)
 
@@ -227,15 +277,27 @@ def test_windows_and_intervals_follow_from_the_zeros(monkeypatch: pytest.MonkeyP
     assert made.resolving == pytest.approx(3 / 20) and made.step == 1e-3
     assert of([20, 60]).resolving == pytest.approx(0.05)
     assert of([-50]).resolving == np.inf
-    assert of([-1e4]).windows == pytest.approx((0.02, 0.07)) and of([1e6]).windows == pytest.approx((0.02, 0.07))
-    assert of([-1e4], 0.2).windows == pytest.approx((0.008, 0.07)) and of([-1e4], 0.2).step == pytest.approx(5e-4)
+    assert of([-1e4]).windows == pytest.approx((0.02, 0.07)) and of([1e6]).windows == pytest.approx(
+        (0.02, 0.07)
+    )
+    assert of([-1e4], 0.2).windows == pytest.approx((0.008, 0.07)) and of(
+        [-1e4], 0.2
+    ).step == pytest.approx(5e-4)
     assert of([2, -0.1]).windows == pytest.approx((preview(0.5), 5.0))
     assert of([0.1, -0.1]).windows == pytest.approx((problems.LONGEST_PREVIEW, 5.0))
     flat = problems.InversionProblem(derive("elbow"), Made(duration=2.0))  # type: ignore[arg-type]
     flat.__dict__.update(gear_settling=0.01)
-    assert flat.windows == pytest.approx((0.05, 0.05)) and flat.zeros == [] and flat.resolving == np.inf
+    assert (
+        flat.windows == pytest.approx((0.05, 0.05))
+        and flat.zeros == []
+        and flat.resolving == np.inf
+    )
     before, nodes = made.nodes(0.04)
-    assert before == made.windows[0] and nodes[0] == pytest.approx(-before) and nodes[-1] == pytest.approx(2.3)
+    assert (
+        before == made.windows[0]
+        and nodes[0] == pytest.approx(-before)
+        and nodes[-1] == pytest.approx(2.3)
+    )
     early = min(0.08, max(2 / 20, 0.04 / 5))
     on = np.flatnonzero(np.isclose(nodes, 0.0))[0]
     assert on == int(np.ceil(before / early)) and np.diff(nodes)[on + 3] == pytest.approx(0.04)
@@ -243,7 +305,11 @@ def test_windows_and_intervals_follow_from_the_zeros(monkeypatch: pytest.MonkeyP
 
 
 def test_baselines_are_sampled_until_the_motion_has_settled() -> None:
-    t = baselines._instants(made_problem(path=Made(duration=0.5, segments=(1,)), step=2e-3, windows=(0.3, 0.1001)))
+    t = baselines._instants(
+        made_problem(path=Made(duration=0.5, segments=(1,)), step=2e-3, windows=(0.3, 0.1001))
+    )
     assert t[0] == 0 and t[-1] == pytest.approx(0.6001) and len(t) == 302
-    with pytest.raises(SolverError, match="the torque is not finite: a gear spring has no stiffness"):
+    with pytest.raises(
+        SolverError, match="the torque is not finite: a gear spring has no stiffness"
+    ):
         baselines._result(t, Made(), Made(tau_m=np.array([1.0, np.inf])))  # type: ignore[arg-type]

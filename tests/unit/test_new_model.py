@@ -53,7 +53,10 @@ def test_a_template_is_plausible_and_its_numbers_have_comments(made, template):
     found = flexgen.check(path)
     assert not found.errors and not found.warnings, found
     text = path.read_text()
-    assert all(word in text for word in ("kg m^2", "N m", "rad/s", "# m, world axes" if template != "scara" else "# s"))
+    assert all(
+        word in text
+        for word in ("kg m^2", "N m", "rad/s", "# m, world axes" if template != "scara" else "# s")
+    )
     analysis = flexgen.analyze(path)
     assert 0.1 < analysis.modes[0][0] < 100.0 and analysis.structural_index is not None
 
@@ -85,7 +88,9 @@ def test_the_link_that_bends_of_the_planar_template_is_plausible(made):
     before, after = path.read_text().split("remove these signs #:\n")
     lines, rest = after.split("\n\n", 1)
     bends = "\n".join(line.removeprefix("# ") for line in lines.splitlines())
-    path.write_text(f"{before}\n{bends}\n\n{rest}".replace("position = [0, 0, 0.4]", "position = [0, 0, 0.15]"))
+    path.write_text(
+        f"{before}\n{bends}\n\n{rest}".replace("position = [0, 0, 0.4]", "position = [0, 0, 0.15]")
+    )
     found = flexgen.check(path)
     assert found.errors == found.warnings == () and flexgen.read(path).dof == 5
 
@@ -94,18 +99,25 @@ def test_an_existing_file_is_not_replaced(made, tmp_path, capsys):
     path = made()
     assert main(["new", "mine", "--out", str(path)]) == 1
     assert "which exists, expected a new file; --force replaces it" in capsys.readouterr().err
-    assert main(["new", "mine", "--out", str(path), "--force", "--template", "gantry", "--json"]) == 0
+    assert (
+        main(["new", "mine", "--out", str(path), "--force", "--template", "gantry", "--json"]) == 0
+    )
     assert json.loads(capsys.readouterr().out)["out"] == str(path) and read(path).n_m == 3
     assert main(["new", "1st", "--out", str(tmp_path / "x.toml")]) == 1
     assert "name: given '1st', expected" in capsys.readouterr().err
-    assert main(["new", "mine", "--urdf", str(tmp_path / "no.urdf"), "--force", "--out", str(path)]) == 1
+    assert (
+        main(["new", "mine", "--urdf", str(tmp_path / "no.urdf"), "--force", "--out", str(path)])
+        == 1
+    )
 
 
 @pytest.mark.parametrize("ends", ["flor:tool_point", "floor:tool", "floor"])
 def test_an_end_that_is_not_a_link_is_refused_with_the_names_of_all(ends, tmp_path, capsys):
     assert main(["new", "mine", "--urdf", f"{URDF}#{ends}", "--out", str(tmp_path / "x.toml")]) == 1
     said = capsys.readouterr().err
-    assert f"expected a link of {URDF}: " in said and '"pedestal"' in said and "rigid.toml" not in said
+    assert (
+        f"expected a link of {URDF}: " in said and '"pedestal"' in said and "rigid.toml" not in said
+    )
 
 
 def test_a_urdf_file_without_a_usable_name_and_a_move_without_a_tool_say_what_to_do(tmp_path):
@@ -113,10 +125,15 @@ def test_a_urdf_file_without_a_usable_name_and_a_move_without_a_tool_say_what_to
     links = '<link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '
     links += 'ixy="0" ixz="0" iyz="0"/></inertial></link>'
     (tmp_path / "arm.urdf").write_text(f'<robot name="arm-1">{links}{joint}</robot>')
-    with pytest.raises(ModelError, match=r"name: given nothing.*'flexgen new NAME --urdf FILE' writes a file with one"):
+    with pytest.raises(
+        ModelError,
+        match=r"name: given nothing.*'flexgen new NAME --urdf FILE' writes a file with one",
+    ):
         read(f"{tmp_path / 'arm.urdf'}#a:b")
     move = '[[move]]\nname = "m"\ntype = "tool_line"\nstart_deg = [0, 0, 0]\ndisplacement = [0, 0, 0.1]\n'
-    with pytest.raises(ModelError, match=r'or a table \[output\] with type = "tool_pose" or "tool_position"'):
+    with pytest.raises(
+        ModelError, match=r'or a table \[output\] with type = "tool_pose" or "tool_position"'
+    ):
         overlay(tmp_path, move + "duration = 1.0\nsmoothness = 5\n")
 
 
@@ -145,7 +162,11 @@ friction = { viscous = 7.0 }
 """,
     )
     turn, lift, slide = (coordinate.dof for coordinate in robot.coordinates)
-    assert (turn.gear.spring.stiffness, turn.gear.damping, turn.friction.viscous) == (1e5, 10.0, 2.0)
+    assert (turn.gear.spring.stiffness, turn.gear.damping, turn.friction.viscous) == (
+        1e5,
+        10.0,
+        2.0,
+    )
     assert (lift.gear.spring.stiffness, lift.gear.damping, lift.gear.side) == (3e5, 10.0, "arm")
     assert slide.gear.rigid and slide.friction.viscous == 7.0
     assert [motor.ratio for motor in robot.motors] == [(100.0,), (50.0,), (100.0,)]

@@ -34,13 +34,21 @@ viscous = 0.2
 def test_every_number_comes_back(name, tmp_path):
     """Also numbers that the file does not have: frictions that are zero, a payload."""
     model = flexgen.read(name)
-    chosen = select(model, ["payload", "stiffness", "damping", *(f"{m.name}.viscous" for m in model.motors)])
+    chosen = select(
+        model, ["payload", "stiffness", "damping", *(f"{m.name}.viscous" for m in model.motors)]
+    )
     values = {p.name: 1.25 * p.value + 1e-3 for p in chosen}
     old = (MODELS / f"{name}.toml").read_text()
-    new = with_numbers(old, {p.key: values[p.name] for p in chosen}, name, {p.key: "measured" for p in chosen})
+    new = with_numbers(
+        old, {p.key: values[p.name] for p in chosen}, name, {p.key: "measured" for p in chosen}
+    )
     (tmp_path / "new.toml").write_text(new)
     found, expected = flexgen.read(tmp_path / "new.toml"), with_values(model, values)
-    assert (found.elements, found.motors, found.payload) == (expected.elements, expected.motors, expected.payload)
+    assert (found.elements, found.motors, found.payload) == (
+        expected.elements,
+        expected.motors,
+        expected.payload,
+    )
     comments = [line for line in old.splitlines() if line.strip().startswith("#")]
     assert all(line in new.splitlines() for line in comments)
 
@@ -51,7 +59,11 @@ def test_comments_and_other_lines_stay():
 
 
 def test_missing_keys_are_added_to_their_table():
-    numbers = {"motor.m1.friction.coulomb": 1.0, "motor.m2.friction.beta": 20.0, "motor.m2.inertia": 0.1}
+    numbers = {
+        "motor.m1.friction.coulomb": 1.0,
+        "motor.m2.friction.beta": 20.0,
+        "motor.m2.inertia": 0.1,
+    }
     new = with_numbers(TEXT, numbers, sources={"motor.m1.friction.coulomb": "sd 1 %"})
     assert "friction = { viscous = 0.1, coulomb = 1.0 }  # sd 1 %\n" in new
     assert "[motor.friction]\nbeta = 20.0\nviscous = 0.2\n" in new
@@ -78,4 +90,6 @@ def test_wrong_paths_are_refused(path, value, words):
 
 
 def test_line_ends_of_windows_are_read():
-    assert "inertia = 0.002 #" in with_numbers(TEXT.replace("\n", "\r\n"), {"motor.m1.inertia": 2e-3})
+    assert "inertia = 0.002 #" in with_numbers(
+        TEXT.replace("\n", "\r\n"), {"motor.m1.inertia": 2e-3}
+    )

@@ -67,7 +67,8 @@ def test_positions_to_send_are_what_the_servo_inverts(monkeypatch: pytest.Monkey
     assert_allclose(seen["time"], np.linspace(-0.4, 1.4, 19), atol=1e-12)
     assert seen["held"] == (0.1, 0.03)
     assert_allclose(seen["q_m"][:, 0], np.clip(seen["time"], 0.0, 1.0), atol=1e-12)
-    command = np.stack([time**3 - 4.0, time**2 + 4.0], axis=1)  # the torque at the begin is (-0.4, 0.4)
+    # the torque at the begin is (-0.4, 0.4)
+    command = np.stack([time**3 - 4.0, time**2 + 4.0], axis=1)
     assert_allclose(found.channels["command_m"], command, atol=1e-9)
     assert_allclose(found.channels["command_g"] @ eta.T, command, atol=1e-9)
     assert (found.channels["q"], found.ports, found.labels, found.units) == (
@@ -78,7 +79,8 @@ def test_positions_to_send_are_what_the_servo_inverts(monkeypatch: pytest.Monkey
     )
     model.servo = None
     with pytest.raises(
-        ArgumentError, match=r'given "position" for the model arm without a servo, expected a table \[se'
+        ArgumentError,
+        match=r'given "position" for the model arm without a servo, expected a table \[se',
     ):
         reference.with_positions(solution)
 
@@ -113,8 +115,12 @@ def test_torques_of_bristles_are_added_once(monkeypatch: pytest.MonkeyPatch) -> 
     assert found.tau_b.tolist() == [3.0, 3.0] and found.motors.tau_m.tolist() == [10.0, 11.0]
     assert memory.with_lugre(equations, found) is found
     steps: list[str] = []
-    monkeypatch.setattr(memory, "with_hysteresis", lambda equations, result: steps.append("hysteresis") or result)  # type: ignore[func-returns-value]
-    monkeypatch.setattr(memory, "with_lugre", lambda equations, result: steps.append("bristles") or result)  # type: ignore[func-returns-value]
+    monkeypatch.setattr(
+        memory, "with_hysteresis", lambda equations, result: steps.append("hysteresis") or result
+    )  # type: ignore[func-returns-value]
+    monkeypatch.setattr(
+        memory, "with_lugre", lambda equations, result: steps.append("bristles") or result
+    )  # type: ignore[func-returns-value]
     for gears, motors, expected in (
         ([], [], []),
         ([1], [], ["hysteresis"]),
@@ -135,13 +141,23 @@ def test_encoders_show_the_angle_with_their_error(monkeypatch: pytest.MonkeyPatc
     found = sense_module.shown_angles(model, q_m)
     assert_allclose(found, [[1.0, 2.0 + 0.5 * np.sin(2.0)], [3.0, 4.0 + 0.5 * np.sin(4.0)]])
     assert q_m.tolist() == [[1.0, 2.0], [3.0, 4.0]]
-    with pytest.raises(ArgumentError, match=r"model: given elbow without a \[\[sensor\]\], expected one or more"):
+    with pytest.raises(
+        ArgumentError, match=r"model: given elbow without a \[\[sensor\]\], expected one or more"
+    ):
         inspect.unwrap(sense_module.sense)(derive("elbow"), Made())
 
 
 def test_statuses_of_fits_that_can_be_used() -> None:
     """And those whose deviations are those of the parameters; each has a sentence and an advice."""
-    assert {status for status in FitStatus if status.agrees} == {FitStatus.FITTED, FitStatus.SMALL_ERROR}
-    assert {status for status in FitStatus if status.has_deviations} == {FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE}
-    assert all(status.sentence.endswith(".") and status.advice.endswith(".") for status in FitStatus)
+    assert {status for status in FitStatus if status.agrees} == {
+        FitStatus.FITTED,
+        FitStatus.SMALL_ERROR,
+    }
+    assert {status for status in FitStatus if status.has_deviations} == {
+        FitStatus.FITTED,
+        FitStatus.NOISE_TOO_LARGE,
+    }
+    assert all(
+        status.sentence.endswith(".") and status.advice.endswith(".") for status in FitStatus
+    )
     assert str(FitStatus.AT_BOUND) == "at a bound" and f"{FitStatus.FITTED}" == "fitted"

@@ -13,22 +13,33 @@ from scipy.special import erfc
 
 import flexgen
 from flexgen.analysis import amplitude
-from flexgen.analysis.amplitude import LAWS, Comparison, Level, Motion, Nonlinearity, compare, difference
+from flexgen.analysis.amplitude import (
+    LAWS,
+    Comparison,
+    Level,
+    Motion,
+    Nonlinearity,
+    compare,
+    difference,
+)
 from flexgen.analysis.gear_changes import Linearization, fit_changes
 from flexgen.errors import ArgumentError
 from flexgen.identification.causes import levels as at_levels
 
 BY_NAME = {law.name: law for law in LAWS}
 SIZES = np.array([1.0, 1 / 3])  # of the motions of the levels
-UNITS = np.array([2e-4, 3e-4]), np.array([1.5, 2.5])  # deflections of gears [rad] and speeds of motors [rad/s]
-WIDE = 1.0 + 0.3 * np.array([[0.5, -0.5], [0.0, 0.0], [-0.5, 0.5]])  # of the motions of three poses, mean 1
+# deflections of gears [rad] and speeds of motors [rad/s]
+UNITS = np.array([2e-4, 3e-4]), np.array([1.5, 2.5])
+# of the motions of three poses, mean 1
+WIDE = 1.0 + 0.3 * np.array([[0.5, -0.5], [0.0, 0.0], [-0.5, 0.5]])
 
 
 def bench() -> Linearization:
     """Two motors with gears on two links that are coupled, at three poses, 12 lines."""
     w = 2 * np.pi * np.geomspace(2.0, 100.0, 12)
     s, stiffness, inertia = 1j * w[:, None, None], np.array([4e3, 2e3]), np.array([0.05, 0.03])
-    rows = np.block([[-np.eye(2), np.eye(2)], [np.zeros((2, 2)), np.eye(2)]])  # deflections, then motor angles
+    # deflections, then motor angles
+    rows = np.block([[-np.eye(2), np.eye(2)], [np.zeros((2, 2)), np.eye(2)]])
     parts = []
     for pose in (0.2, 0.7, 1.2):
         M = np.diag([*(0.0, 0.0), *inertia]) + 0.0
@@ -57,16 +68,30 @@ def levels_with(name: str, z: list[list[float]], torque: float = 0.0) -> list[Le
     """Responses of the bench where a law has the numbers ``z``, and the motions that the law was evaluated for."""
     model, rng = bench(), np.random.default_rng(4)
     out = []
-    for size, effect in zip(SIZES, BY_NAME[name].effects(np.array(z), motions(torque)), strict=True):
+    for size, effect in zip(
+        SIZES, BY_NAME[name].effects(np.array(z), motions(torque)), strict=True
+    ):
         # the linear model is the robot at the first level: the law adds to it what differs there
-        x = effect.changes() - [1.0, 1.0, *6 * [0.0]] if name in ("backlash", "cubic") else effect.changes()
+        x = (
+            effect.changes() - [1.0, 1.0, *6 * [0.0]]
+            if name in ("backlash", "cubic")
+            else effect.changes()
+        )
         G = np.array([model.response(k, x[k]) for k in range(3)])
         error = np.zeros(3) if effect.distortion is None else effect.distortion.mean(axis=1)
         noise = rng.standard_normal((*G.shape, 2)) @ [1, 1j] / np.sqrt(2)
         G = G * (1 + 0.05 * error[:, None, None, None] * noise)
-        sd = size * WIDE * UNITS[0] * (1 + x[:, :2])  # torque of the gears over the stiffness of the model
+        # torque of the gears over the stiffness of the model
+        sd = size * WIDE * UNITS[0] * (1 + x[:, :2])
         out.append(
-            Level(model, G, 1e-10 * np.abs(G) ** 2, torque * UNITS[0] * np.ones((3, 2)), sd, size * WIDE * UNITS[1])
+            Level(
+                model,
+                G,
+                1e-10 * np.abs(G) ** 2,
+                torque * UNITS[0] * np.ones((3, 2)),
+                sd,
+                size * WIDE * UNITS[1],
+            )
         )
     return out
 
@@ -79,7 +104,9 @@ def test_effects_of_laws_by_closed_forms() -> None:
     mean = (1 + c * sizes[0] ** 2).mean(axis=0)
     for effect, sd in zip(found, sizes, strict=True):
         assert_allclose(effect.stiffness, (1 + c * sd**2) / mean, rtol=1e-5)
-        assert_allclose(effect.distortion, c / 3 * np.sqrt(6) * sd**3 / ((1 + c * sd**2) * sd), rtol=1e-4)
+        assert_allclose(
+            effect.distortion, c / 3 * np.sqrt(6) * sd**3 / ((1 + c * sd**2) * sd), rtol=1e-4
+        )
         assert not effect.loss.any() and not effect.friction.any()
         assert_allclose(effect.changes(), np.hstack([effect.stiffness, np.zeros((3, 6))]))
     found = BY_NAME["backlash"].effects(gap[None], motions())
@@ -87,12 +114,16 @@ def test_effects_of_laws_by_closed_forms() -> None:
     for effect, sd in zip(found, sizes, strict=True):
         assert_allclose(effect.stiffness, erfc(gap / sd / np.sqrt(2)) / mean, rtol=2e-3)
     loaded = BY_NAME["cubic"].effects(c[None], motions(0.5))
-    assert (loaded[1].stiffness > BY_NAME["cubic"].effects(c[None], motions())[1].stiffness).all()  # bent by the load
+    # bent by the load
+    assert (loaded[1].stiffness > BY_NAME["cubic"].effects(c[None], motions())[1].stiffness).all()
     found = BY_NAME["Coulomb"].effects(np.array([[0.2, 0.5]]), motions())
     for effect, sd in zip(found, sizes, strict=True):
         assert_allclose(effect.friction, np.array([0.2, 0.5]) * np.sqrt(2 / np.pi) / sd)
         assert not effect.stiffness.any() and not effect.loss.any() and effect.distortion is None
-    stuck, slipping = (BY_NAME["hysteresis"].effects(np.array([[0.3, 0.3], [x, x]]), motions()) for x in (50.0, 0.5))
+    stuck, slipping = (
+        BY_NAME["hysteresis"].effects(np.array([[0.3, 0.3], [x, x]]), motions())
+        for x in (50.0, 0.5)
+    )
     assert_allclose(stuck[0].stiffness, 0.3)
     assert_allclose(stuck[0].loss, 0.0, atol=1e-12)
     assert (slipping[0].stiffness < slipping[1].stiffness).all() and (slipping[0].loss > 0.01).all()
@@ -123,7 +154,8 @@ def test_a_planted_law_is_found_with_its_numbers(name: str, z: list[list[float]]
 
 
 @pytest.mark.parametrize(
-    ("name", "z", "named"), [("Coulomb", [[0.1, 0.001]], 0), ("hysteresis", [[0.001, 0.3], [0.6, 0.6]], 1)]
+    ("name", "z", "named"),
+    [("Coulomb", [[0.1, 0.001]], 0), ("hysteresis", [[0.001, 0.3], [0.6, 0.6]], 1)],
 )
 def test_a_gear_without_the_law_is_not_named(name: str, z: list[list[float]], named: int) -> None:
     """Its effect is below a fifth of the largest."""
@@ -141,7 +173,8 @@ def test_levels_that_do_not_differ_have_no_cause() -> None:
     noise = rng.standard_normal((*levels[1].G.shape, 2)) @ [1, 1j]
     found = compare([levels[0], replace(levels[1], G=levels[1].G * (1 + 0.02 * noise))])
     assert found.differs and not found.changed and found.causes == () and 0.0 < found.changes < 2.0
-    damped = [np.zeros(8), np.array([0.0, 0.0, 0.0, 0.0, 0.4, -0.2, 0.0, 0.0])]  # no law changes the damping alone
+    # no law changes the damping alone
+    damped = [np.zeros(8), np.array([0.0, 0.0, 0.0, 0.0, 0.4, -0.2, 0.0, 0.0])]
     model = levels[0].model
     levels = [
         replace(x, G=np.array([model.response(k, change) for k in range(3)]))
@@ -160,7 +193,9 @@ def test_the_difference_of_responses_by_hand() -> None:
         SimpleNamespace(G=G + 2.5, model=other, variance=np.full(G.shape, 0.02)),
     ]
     ratio, size = difference(levels)
-    assert ratio == pytest.approx(0.5**2 / (0.01 + 0.02**2 + 0.02 + 0.1**2)) and size == pytest.approx(0.05)
+    assert ratio == pytest.approx(
+        0.5**2 / (0.01 + 0.02**2 + 0.02 + 0.1**2)
+    ) and size == pytest.approx(0.05)
     levels.append(SimpleNamespace(G=G - 1.0, model=one, variance=np.full(G.shape, 0.02)))
     both = difference(levels)
     assert both[0] == pytest.approx((ratio + 1.0 / (0.01 + 0.02**2 + 0.02)) / 2)
@@ -194,7 +229,9 @@ def cause(law: str, numbers: dict[int, tuple[float, ...]]) -> str:
 
 
 def test_the_words_of_causes() -> None:
-    assert cause("Coulomb", {0: (0.1,), 1: (0.2,)}) == "Coulomb friction of m1 (0.2 N m), m2 (0.8 N m)"
+    assert (
+        cause("Coulomb", {0: (0.1,), 1: (0.2,)}) == "Coulomb friction of m1 (0.2 N m), m2 (0.8 N m)"
+    )
     assert cause("backlash", {1: (0.3,)}) == "backlash of q2 (+-0.15 mrad)"
     words = "a stiffness that rises with the deflection of q1 (12 % more at 0.2 mrad)"
     assert cause("cubic", {0: (0.12,)}) == words.replace("mrad)", "mrad rms)")
@@ -204,7 +241,8 @@ def test_the_words_of_causes() -> None:
 
 def test_the_sentence_of_the_amplitude_test() -> None:
     one, two = (
-        at_levels.NonlinearCause(f"{x} of q1", share) for x, share in (("backlash", 0.9), ("hysteresis", 0.876))
+        at_levels.NonlinearCause(f"{x} of q1", share)
+        for x, share in (("backlash", 0.9), ("hysteresis", 0.876))
     )
     test = at_levels.AmplitudeTest(5.0, 0.0234, True, True, (one, two))
     words = "the levels differ by 2.3 % of the responses; backlash of q1 explains 90 % of it, or "
@@ -217,14 +255,19 @@ def test_the_sentence_of_the_amplitude_test() -> None:
         "the levels differ by 2.3 % of the responses; backlash, a stiffness that rises with the deflection, "
         "hysteresis, Coulomb friction of gears and motors do not explain it"
     )
-    assert replace(test, differs=False).sentence == "no difference between the levels beyond the noise"
+    assert (
+        replace(test, differs=False).sentence == "no difference between the levels beyond the noise"
+    )
     assert test.to_dict() == {
         "sentence": test.sentence,
         "differs": True,
         "changed": True,
         "difference_over_noise": 5.0,
         "difference_over_response": 0.0234,
-        "causes": [{"words": "backlash of q1", "share": 0.9}, {"words": "hysteresis of q1", "share": 0.876}],
+        "causes": [
+            {"words": "backlash of q1", "share": 0.9},
+            {"words": "hysteresis of q1", "share": 0.876},
+        ],
     }
 
 
@@ -236,15 +279,21 @@ def test_levels_of_other_experiments_and_of_the_same_speed_are_refused() -> None
     def other(**changed: Any) -> Any:
         return SimpleNamespace(**({**vars(data), "speed_sd": 0.5 * np.ones((2, 1))} | changed))
 
-    at_levels._check(data, [other(), other(speed_sd=1.31 * data.speed_sd), other(poses=data.poses + 5e-4)])
+    at_levels._check(
+        data, [other(), other(speed_sd=1.31 * data.speed_sd), other(poses=data.poses + 5e-4)]
+    )
     wrong = {"motors": ("m2",), "w": 1.1 * data.w, "poses": data.poses + 2e-3}
     for name, value in (*wrong.items(), ("w", np.ones(3)), ("poses", np.zeros((3, 1)))):
         with pytest.raises(
-            ArgumentError, match=r"^levels, 2: given responses of other motors, poses or frequencies, exp"
+            ArgumentError,
+            match=r"^levels, 2: given responses of other motors, poses or frequencies, exp",
         ):
             at_levels._check(data, [other(), other(**{name: value})])
     for factor in (1.29, 1.0, 1 / 1.29):
-        with pytest.raises(ArgumentError, match=f"^levels, 1: given {factor:.3g} times the speeds of data, expected"):
+        with pytest.raises(
+            ArgumentError,
+            match=f"^levels, 1: given {factor:.3g} times the speeds of data, expected",
+        ):
             at_levels._check(data, [other(speed_sd=factor * data.speed_sd)])
     assert amplitude.SAME == 2.0
 

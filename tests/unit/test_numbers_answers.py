@@ -45,12 +45,27 @@ def test_a_workspace_is_at_most_an_eighth_larger_than_it_must_be() -> None:
     ("given", "said"),
     [
         ({"period": 0.0}, "invert_many, period: given 0, expected a number above 0, below 1e6 s"),
-        ({"period": 1e6}, "invert_many, period: given 1e+06, expected a number above 0, below 1e6 s"),
+        (
+            {"period": 1e6},
+            "invert_many, period: given 1e+06, expected a number above 0, below 1e6 s",
+        ),
         ({"outputs": "tau_m"}, "invert_many, outputs: given 'tau_m', expected some of "),
-        ({"outputs": ("tau_m", "x")}, "invert_many, outputs: given ('tau_m', 'x'), expected some of "),
-        ({"parameters": [1.0]}, "invert_many, parameters: given to a library without run-time parameters"),
-        ({"options": InversionOptions(workers=2)}, "invert_many, workers: given 2 on the card, expected None; use it "),
-        ({"options": InversionOptions(growth=True)}, "invert_many, growth: given True on the card, expected False; "),
+        (
+            {"outputs": ("tau_m", "x")},
+            "invert_many, outputs: given ('tau_m', 'x'), expected some of ",
+        ),
+        (
+            {"parameters": [1.0]},
+            "invert_many, parameters: given to a library without run-time parameters",
+        ),
+        (
+            {"options": InversionOptions(workers=2)},
+            "invert_many, workers: given 2 on the card, expected None; use it ",
+        ),
+        (
+            {"options": InversionOptions(growth=True)},
+            "invert_many, growth: given True on the card, expected False; ",
+        ),
     ],
 )
 def test_problems_that_a_card_refuses(given: dict[str, Any], said: str) -> None:
@@ -85,7 +100,10 @@ def test_arguments_of_a_card_are_released_and_parameters_are_those_of_the_model(
     )
     assert (problems, period, sorted(kept)) == (7, 2e-3, sorted(outputs)) and seen == list(own)
     known = ", parameters=None" * bool(count)
-    assert repr(made) == f"invert_many(y, dy, ddy, *, period, q_start{known}, outputs=('tau_m',), options=None)"
+    assert (
+        repr(made)
+        == f"invert_many(y, dy, ddy, *, period, q_start{known}, outputs=('tau_m',), options=None)"
+    )
 
 
 # --- friction and hysteresis ------------------------------------------------------------------------------------------
@@ -98,7 +116,10 @@ def test_frictions_say_what_they_lack() -> None:
     ):
         with pytest.raises(ArgumentError) as refused:
             friction_torque(law, w, load, temperature)
-        assert str(refused.value) == f'friction: given type = "gear" without {missing}, on which it depends'
+        assert (
+            str(refused.value)
+            == f'friction: given type = "gear" without {missing}, on which it depends'
+        )
     friction_torque(GearFriction(coulomb=0.1), w, None, 20.0)  # not loaded
     other: Any = 3.0
     with pytest.raises(ArgumentError) as refused:
@@ -108,13 +129,24 @@ def test_frictions_say_what_they_lack() -> None:
 
 def test_layers_are_the_elements_of_all_gears_one_after_the_other() -> None:
     """Slip is half the lost motion times the stiffness of the spring; both grow with the square of the ratio."""
-    elements = [{"stiffness": 2e5, "lost_motion": 1e-4}, {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0}]
-    changes = {"element.upper.dof.q1.gear.hysteresis": elements, "element.fore.dof.q2.gear.hysteresis": elements[0]}
+    elements = [
+        {"stiffness": 2e5, "lost_motion": 1e-4},
+        {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0},
+    ]
+    changes = {
+        "element.upper.dof.q1.gear.hysteresis": elements,
+        "element.fore.dof.q2.gear.hysteresis": elements[0],
+    }
     plain = flexgen.read("elbow")
     names = {dof.name: element.name for element in plain.elements for dof in element.dofs}
     changes = {key.replace("fore", names["q2"]): value for key, value in changes.items()}
     model = flexgen.read("elbow", overrides=changes)
-    springs: Any = [dof.gear.spring for element in plain.elements for dof in element.dofs if dof.gear is not None]
+    springs: Any = [
+        dof.gear.spring
+        for element in plain.elements
+        for dof in element.dofs
+        if dof.gear is not None
+    ]
     k = [spring.stiffness for spring in springs]
     first, second = gear_layers(model)
     assert_allclose(first.stiffness, [2e5, 2e5])
@@ -127,7 +159,11 @@ def test_layers_are_the_elements_of_all_gears_one_after_the_other() -> None:
     (none,) = gear_layers(plain)
     assert not none.stiffness.any() and not none.slip.any()
     one = model.elements[0].dofs[0].gear.hysteresis  # type: ignore[union-attr]
-    assert elements_of(None) == () and len(elements_of(one)) == 2 and elements_of(elements_of(one)[0]) == one[:1]  # type: ignore[index]
+    assert (
+        elements_of(None) == ()
+        and len(elements_of(one)) == 2
+        and elements_of(elements_of(one)[0]) == one[:1]
+    )  # type: ignore[index]
 
 
 # --- operations -------------------------------------------------------------------------------------------------------
@@ -164,7 +200,12 @@ def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
 def test_the_steps_of_a_robot_in_figures(
     modes: list[float], slow: float, cached: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    facts = {"modes_hz": modes, "unstable_time_constant_s": slow, "phase": "flat", "structural_index": 3}
+    facts = {
+        "modes_hz": modes,
+        "unstable_time_constant_s": slow,
+        "phase": "flat",
+        "structural_index": 3,
+    }
     analysis: Any = Made(model=Made(title="r@v", n_m=2, dof=5), to_dict=lambda: facts)
     library: Any = Made(functions=[1, 2, 3], cached=cached, seconds=12.5)
     rows: list[Any] = []
@@ -177,7 +218,9 @@ def test_the_steps_of_a_robot_in_figures(
     assert found["lowest mode"] == (3.5 if modes else None, "Hz") and found["model"] == ("r@v", "")
     assert found["slowest unstable zero"] == (4.0 if slow else None, "1/s")
     assert found["C library built in"] == (None if cached else 12.5, "s")
-    assert found["motors, degrees of freedom"] == ("2, 5", "") and found["C functions generated"] == (3, "")
+    assert found["motors, degrees of freedom"] == ("2, 5", "") and found[
+        "C functions generated"
+    ] == (3, "")
     assert found["C inverse_dynamics, one call from Python"] == (1.5, "us")
     assert rows[-1] == ("total time, wall", 60.0, "s") and ("own", 1.0, "m") in rows
 
@@ -189,7 +232,11 @@ def test_differences_have_a_fifth_of_the_step_and_a_stable_order(
 ) -> None:
     asked: list[Any] = []
     problem: Any = Made(
-        options=options, step=1e-3, path="path", equilibrium="rest", check_options=lambda *names: asked.append(names)
+        options=options,
+        step=1e-3,
+        path="path",
+        equilibrium="rest",
+        check_options=lambda *names: asked.append(names),
     )
     found = Made(x="x", dx="dx", iterations=9)
 
@@ -199,12 +246,18 @@ def test_differences_have_a_fifth_of_the_step_and_a_stable_order(
 
     for name in ("march", "extrapolate"):
         monkeypatch.setattr(bdf, name, partial(run, name))
-    monkeypatch.setattr(bdf, "check_causal", lambda problem, *given, **named: asked.append((*given, *named.values())))
+    monkeypatch.setattr(
+        bdf,
+        "check_causal",
+        lambda problem, *given, **named: asked.append((*given, *named.values())),
+    )
     monkeypatch.setattr(bdf, "dae_of", lambda problem: Made(pack=lambda rest: f"packed {rest}"))
     monkeypatch.setattr(bdf, "instants", lambda problem, step: np.array([0.0, step]))
     monkeypatch.setattr(bdf, "zeros_along", lambda problem: "zeros")
     monkeypatch.setattr(bdf, "stable_order", lambda zeros, step: 2)
-    monkeypatch.setattr(bdf, "result_of_states", lambda problem, dae, states, **more: (states, more))
+    monkeypatch.setattr(
+        bdf, "result_of_states", lambda problem, dae, states, **more: (states, more)
+    )
     for h, step in ((2.5e-3, 5e-4), (0.1, 1e-3)):
         asked.clear()
         answer: Any = bdf.solve(problem, h)

@@ -11,7 +11,14 @@ import pytest
 
 from flexgen.cli import argument_types as types
 
-STEP = {"kind": "step", "where": "m1", "size": 2.0, "start_s": 0.5, "length_s": None, "frequency_hz": None}
+STEP = {
+    "kind": "step",
+    "where": "m1",
+    "size": 2.0,
+    "start_s": 0.5,
+    "length_s": None,
+    "frequency_hz": None,
+}
 GOOD: list[tuple[Callable[[str], Any], str, Any]] = [
     (types.numbers, "0.3,-1.1,0", [0.3, -1.1, 0.0]),
     (types.numbers, "1e-3", [1e-3]),
@@ -51,26 +58,42 @@ GOOD: list[tuple[Callable[[str], Any], str, Any]] = [
     (
         types.disturbance,
         "pulse:tool.x=-3e2@0.4+0.02",
-        STEP | {"kind": "pulse", "where": "tool.x", "size": -300.0, "start_s": 0.4, "length_s": 0.02},
+        STEP
+        | {"kind": "pulse", "where": "tool.x", "size": -300.0, "start_s": 0.4, "length_s": 0.02},
     ),
     (
         types.disturbance,
         "chirp:m1=1@-1e-1+2,0.5-30",
-        STEP | {"kind": "chirp", "size": 1.0, "start_s": -0.1, "length_s": 2.0, "frequency_hz": (0.5, 30.0)},
+        STEP
+        | {
+            "kind": "chirp",
+            "size": 1.0,
+            "start_s": -0.1,
+            "length_s": 2.0,
+            "frequency_hz": (0.5, 30.0),
+        },
     ),
-    (types.wall, "1,2,3:-1,0,0:1e5", {"point": (1.0, 2.0, 3.0), "normal": (-1.0, 0.0, 0.0), "stiffness": 1e5}),
+    (
+        types.wall,
+        "1,2,3:-1,0,0:1e5",
+        {"point": (1.0, 2.0, 3.0), "normal": (-1.0, 0.0, 0.0), "stiffness": 1e5},
+    ),
     (
         types.wall,
         "0,0,0:0,0,1:2:3:4",
-        {"point": (0.0,) * 3, "normal": (0.0, 0.0, 1.0), "stiffness": 2.0, "damping": 3.0, "gap": 4.0},
+        {
+            "point": (0.0,) * 3,
+            "normal": (0.0, 0.0, 1.0),
+            "stiffness": 2.0,
+            "damping": 3.0,
+            "gap": 4.0,
+        },
     ),
     (types.joint_value, "q3=-0.5", ("q3", -0.5)),
 ]
 NUMBERS = "expected numbers such as 0.3 -1.1 0 or 0.3,-1.1,0"
 INTEGERS = "expected integers such as 1 2 6 or 1,2,6"
-SETTING = (
-    "expected KEY=VALUE with a TOML value, such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
-)
+SETTING = "expected KEY=VALUE with a TOML value, such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
 PLANT = "expected such as soft:stiffness=0.8,payload=5"
 PUSH = "expected such as step:m1=2@0.5, pulse:tool.x=300@0.4+0.02 or chirp:m1=1@0+2,0.5-30"
 WALL = "expected X,Y,Z:NX,NY,NZ:K[:C[:GAP]], such as 1.2,0,0:-1,0,0:1e5:500"

@@ -26,12 +26,27 @@ from flexgen.spec import arguments
 def test_numbers_are_real_and_finite() -> None:
     for value in (0, 1.5, -2, np.float64(3.0), np.int32(4), np.array(5.0), Fraction(1, 2), 10**300):
         assert arguments.is_number(value)
-    for value in (True, np.bool_(True), "1", None, np.nan, np.inf, np.array([1.0]), 1j, Decimal(1), 10**400):
+    for value in (
+        True,
+        np.bool_(True),
+        "1",
+        None,
+        np.nan,
+        np.inf,
+        np.array([1.0]),
+        1j,
+        Decimal(1),
+        10**400,
+    ):
         assert not arguments.is_number(value)
-    assert arguments.is_whole(1) and arguments.is_whole(np.int64(7)) and arguments.is_whole(2**31 - 1)
+    assert (
+        arguments.is_whole(1) and arguments.is_whole(np.int64(7)) and arguments.is_whole(2**31 - 1)
+    )
     for value in (0, True, 1.0, "1", 2**31, np.float64(2.0)):
         assert not arguments.is_whole(value)
-    assert arguments.is_whole(0, 0) and arguments.is_whole(3, 3, 3) and not arguments.is_whole(4, 3, 3)
+    assert (
+        arguments.is_whole(0, 0) and arguments.is_whole(3, 3, 3) and not arguments.is_whole(4, 3, 3)
+    )
 
 
 def test_bounds_of_numbers_are_named() -> None:
@@ -46,13 +61,18 @@ def test_bounds_of_numbers_are_named() -> None:
             arguments.check_not_negative("x", value, "a size")
         assert str(caught.value) == f"x: given {value!r}, expected a size"
     assert (
-        arguments.seed_of(0) == 0 and arguments.seed_of(np.int64(5)) == 5 and arguments.seed_of(2**63 - 1) == 2**63 - 1
+        arguments.seed_of(0) == 0
+        and arguments.seed_of(np.int64(5)) == 5
+        and arguments.seed_of(2**63 - 1) == 2**63 - 1
     )
     for value in (-1, 1.0, True, 2**63):
         with pytest.raises(ArgumentError, match=r"^seed: given .*, expected a whole number >= 0$"):
             arguments.seed_of(value)
     given = {"a": 1}
-    assert arguments.mapping_of("m", given, "x") == given and arguments.mapping_of("m", given, "x") is not given
+    assert (
+        arguments.mapping_of("m", given, "x") == given
+        and arguments.mapping_of("m", given, "x") is not given
+    )
     with pytest.raises(ArgumentError, match=r"^m: given \[1\], expected a table$"):
         arguments.mapping_of("m", [1], "a table")
 
@@ -60,38 +80,72 @@ def test_bounds_of_numbers_are_named() -> None:
 def test_numbers_of_plants_are_factors_and_added_loads() -> None:
     """Of a kind all forces of it; of a payload what is added, down to none, and where it is."""
     model = flexgen.read("manutec_r3")
-    found = plants.plants_of(model, {"a": {"stiffness": 0.8, "payload": -15.0}, "b": {}, "c": {"q1.stiffness": 2.0}})
+    found = plants.plants_of(
+        model, {"a": {"stiffness": 0.8, "payload": -15.0}, "b": {}, "c": {"q1.stiffness": 2.0}}
+    )
     names = [p.name for p in found.parameters]
     nominal = {p.name: p.value for p in found.parameters}
     assert found.names == ("a", "b", "c") and found.values.shape == (3, len(names))
-    assert nominal["payload.mass"] == 15.0 and {"q1.stiffness", "q2.stiffness", "q3.stiffness"} <= set(names)
+    assert nominal["payload.mass"] == 15.0 and {
+        "q1.stiffness",
+        "q2.stiffness",
+        "q3.stiffness",
+    } <= set(names)
     rows = [dict(zip(names, row, strict=True)) for row in found.values.tolist()]
     assert rows[0]["payload.mass"] == 0.0 and rows[1] == nominal
     assert_allclose([rows[0][x] / nominal[x] for x in ("q1.stiffness", "q3.stiffness")], 0.8)
-    assert rows[2]["q1.stiffness"] == 2 * nominal["q1.stiffness"] and rows[2]["q2.stiffness"] == nominal["q2.stiffness"]
+    assert (
+        rows[2]["q1.stiffness"] == 2 * nominal["q1.stiffness"]
+        and rows[2]["q2.stiffness"] == nominal["q2.stiffness"]
+    )
     place = ", ".join(f"{x:g}" for x in model.payload.com)
     where = "tool" if model.payload.com == model.tool.position else "center of mass of the payload"
-    assert found.loads == (f"-15 kg at the {where}, [{place}] m in the frame of the last tip", "", "")
-    for com, words in (((0.0, 0.0, 0.5), "at the tool"), ((0.0, 0.0, 0.4), "at the center of mass of the payload")):
-        arm: Any = SimpleNamespace(payload=SimpleNamespace(com=com), tool=SimpleNamespace(position=(0.0, 0.0, 0.5)))
-        assert plants._load(arm, 2.5) == f"+2.5 kg {words}, [0, 0, {com[2]:g}] m in the frame of the last tip"
+    assert found.loads == (
+        f"-15 kg at the {where}, [{place}] m in the frame of the last tip",
+        "",
+        "",
+    )
+    for com, words in (
+        ((0.0, 0.0, 0.5), "at the tool"),
+        ((0.0, 0.0, 0.4), "at the center of mass of the payload"),
+    ):
+        arm: Any = SimpleNamespace(
+            payload=SimpleNamespace(com=com), tool=SimpleNamespace(position=(0.0, 0.0, 0.5))
+        )
+        assert (
+            plants._load(arm, 2.5)
+            == f"+2.5 kg {words}, [0, 0, {com[2]:g}] m in the frame of the last tip"
+        )
     for changes, message in (
-        ({"payload": -15.1}, "plant a, payload: given -15.1 kg, expected -15 to 100000 kg to add to the payload"),
-        ({"payload": 1.1e5}, "plant a, payload: given 110000.0 kg, expected -15 to 100000 kg to add to the payload"),
+        (
+            {"payload": -15.1},
+            "plant a, payload: given -15.1 kg, expected -15 to 100000 kg to add to the payload",
+        ),
+        (
+            {"payload": 1.1e5},
+            "plant a, payload: given 110000.0 kg, expected -15 to 100000 kg to add to the payload",
+        ),
         ({"stiffness": -0.1}, "plant a, stiffness: given the factor -0.1, expected 0 to 100"),
         ({"stiffness": 100.1}, "plant a, stiffness: given the factor 100.1, expected 0 to 100"),
         ({"stiffness": "x"}, "plant a, stiffness: given 'x', expected a number"),
-        ({"lost_motion": 2.0}, "plant a, lost_motion: the model manutec_r3 has no number of this kind"),
+        (
+            {"lost_motion": 2.0},
+            "plant a, lost_motion: the model manutec_r3 has no number of this kind",
+        ),
     ):
         with pytest.raises(ArgumentError) as caught:
             plants.plants_of(model, {"a": changes})
         assert str(caught.value) == message
-    edges = plants.plants_of(model, {"a": {"stiffness": 100.0, "payload": 1e5}, "b": {"damping": 0.0}})
+    edges = plants.plants_of(
+        model, {"a": {"stiffness": 100.0, "payload": 1e5}, "b": {"damping": 0.0}}
+    )
     assert edges.values.max() > 0 and edges.loads[0].startswith("+100000 kg ")
     with pytest.raises(
-        ArgumentError, match=r"^plant a, payload.mass: the model elbow has no number of this kind but 0$"
+        ArgumentError,
+        match=r"^plant a, payload.mass: the model elbow has no number of this kind but 0$",
     ):
-        plants.plants_of(flexgen.read("elbow"), {"a": {"payload.mass": 50.0}})  # a factor on it changes nothing
+        # a factor on it changes nothing
+        plants.plants_of(flexgen.read("elbow"), {"a": {"payload.mass": 50.0}})
     with pytest.raises(ArgumentError, match=r"^plant a: given 3, expected changes such as "):
         plants.plants_of(model, {"a": 3})  # type: ignore[dict-item]
 
@@ -108,14 +162,17 @@ def test_gains_of_a_cascade_are_one_for_each_motor() -> None:
     plain = compiled()
     memory = np.ascontiguousarray(plain.memory).view(float).reshape(3, -1)
     assert_allclose(memory[:, 4:12], np.tile([1, 2, 1, 2, 1, 2, 0, 0], (3, 1)))
-    each = compiled(speed_gain=np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), torque_max=np.array([7.0, 8.0]))
+    each = compiled(
+        speed_gain=np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), torque_max=np.array([7.0, 8.0])
+    )
     rows = np.ascontiguousarray(each.memory).view(float).reshape(3, -1)
     assert_allclose(rows[:, 6:8], [[1, 2], [3, 4], [5, 6]])
     assert_allclose(rows[:, 10:12], np.tile([7, 8], (3, 1)))
     for name in ("position_gain", "speed_gain", "integral_gain", "torque_max"):
         for wrong in (np.ones(3), np.ones((2, 2)), np.ones((3, 3))):
             with pytest.raises(
-                ArgumentError, match=rf"(?s)^controller, {name}: given .*, expected 2 finite numbers, one for"
+                ArgumentError,
+                match=rf"(?s)^controller, {name}: given .*, expected 2 finite numbers, one for",
             ):
                 compiled(**{name: wrong})
 
@@ -128,7 +185,10 @@ def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -
     names, h, B = ["q1", "q2"], 0.5, None
 
     def fit(speed: Any, acceleration: Any) -> tuple[bool, tuple[str, ...]]:
-        limits = (None if speed is None else np.array(speed), None if acceleration is None else np.array(acceleration))
+        limits = (
+            None if speed is None else np.array(speed),
+            None if acceleration is None else np.array(acceleration),
+        )
         found, active = command._fit(B, samples, h, limits, names)  # type: ignore[arg-type]
         return bool(found[0, 0]), active
 
@@ -160,12 +220,19 @@ def test_a_mimic_of_a_urdf_file_counts_where_the_overlay_has_no_gear_or_spring()
     class Table(dict[str, Any]):
         entries = {"mimic": "own"}  # noqa: RUF012
 
-    for table, expected in ((None, True), (Table(), True), (Table(gear=1), False), (Table(spring=1), False)):
+    for table, expected in (
+        (None, True),
+        (Table(), True),
+        (Table(gear=1), False),
+        (Table(spring=1), False),
+    ):
         made.joints = {} if table is None else {"j": table}
         entry = made._mimic(segment)
         assert (entry is not None) == expected
         if entry is not None:
-            assert {k: v.value for k, v in entry.value.items()} == {"joint other": 2.0} and entry.line == 7
+            assert {k: v.value for k, v in entry.value.items()} == {
+                "joint other": 2.0
+            } and entry.line == 7
     made.joints = {"j": Table(mimic=1, gear=1)}
     assert made._mimic(segment) == "own"
     made.joints, found = {}, None
@@ -187,12 +254,24 @@ def test_parameters_of_an_inversion_are_those_of_the_model_or_checked() -> None:
     single = checked.parameters_of("invert", [0.5, 1, 2], own.astype(np.float32), rows)
     assert single.dtype == np.float32
     for values, text in (
-        ([-1.0, 1.0, 0.0], "invert, parameters: given -1 kg as payload.mass, expected a number >= 0"),
-        ([1.0, 0.0, 0.0], "invert, parameters: given 0 N m/rad as q1.stiffness, expected a number > 0"),
-        ([1.0, -2.5, 0.0], "invert, parameters: given -2.5 N m/rad as q1.stiffness, expected a number > 0"),
+        (
+            [-1.0, 1.0, 0.0],
+            "invert, parameters: given -1 kg as payload.mass, expected a number >= 0",
+        ),
+        (
+            [1.0, 0.0, 0.0],
+            "invert, parameters: given 0 N m/rad as q1.stiffness, expected a number > 0",
+        ),
+        (
+            [1.0, -2.5, 0.0],
+            "invert, parameters: given -2.5 N m/rad as q1.stiffness, expected a number > 0",
+        ),
         ([1.0, 2.0], "invert, parameters: given shape (2,), expected (3)"),
         ([1.0, 2.0, "a"], "invert, parameters: given entries of type <U32, expected real numbers"),
-        ([True, True, True], "invert, parameters: given entries of type bool, expected real numbers"),
+        (
+            [True, True, True],
+            "invert, parameters: given entries of type bool, expected real numbers",
+        ),
         ([1.0, [2.0], 3.0], "invert, parameters: given setting an array element with a sequence."),
     ):
         with pytest.raises(ArgumentError) as caught:
@@ -200,12 +279,16 @@ def test_parameters_of_an_inversion_are_those_of_the_model_or_checked() -> None:
         assert str(caught.value).startswith(text)
     with pytest.raises(ArgumentError) as caught:
         checked.parameters_of("invert", [1.0], np.zeros(0), ())
-    assert str(caught.value).startswith("invert, parameters: given to a library without run-time parameters, expected")
+    assert str(caught.value).startswith(
+        "invert, parameters: given to a library without run-time parameters, expected"
+    )
     many = np.array([[1.0, 2.0, 0.0], [4.0, 3.0, 0.0], [0.0, 1e-9, -1.0]])
     checked.check_bounds("invert_many", many, rows)
     checked.check_bounds("invert_many", many[:0], rows)
     many[1, 1] = 0.0
-    with pytest.raises(ArgumentError, match=r"^invert_many, parameters: given 0 N m/rad as q1\.stiffness"):
+    with pytest.raises(
+        ArgumentError, match=r"^invert_many, parameters: given 0 N m/rad as q1\.stiffness"
+    ):
         checked.check_bounds("invert_many", many, rows)
 
 
@@ -214,20 +297,36 @@ def test_samples_of_a_path_have_as_many_rows_each() -> None:
     y, dy, push = np.zeros((5, 12)), np.ones((5, 6)), np.full((5, 18), 2.0)
     real = np.dtype(float)
     found = checked.samples_of("invert", (y.tolist(), dy, dy.astype(int)), push, SIZES, real, True)
-    assert {name: x.shape for name, x in found.items()} == {"y": (5, 12), "dy": (5, 6), "ddy": (5, 6), "force": (5, 18)}
+    assert {name: x.shape for name, x in found.items()} == {
+        "y": (5, 12),
+        "dy": (5, 6),
+        "ddy": (5, 6),
+        "force": (5, 18),
+    }
     assert all(x.dtype == float and x.flags.c_contiguous for x in found.values())
-    assert sorted(checked.samples_of("invert", (y, dy, dy), None, SIZES, real, False)) == ["ddy", "dy", "y"]
+    assert sorted(checked.samples_of("invert", (y, dy, dy), None, SIZES, real, False)) == [
+        "ddy",
+        "dy",
+        "y",
+    ]
     several = tuple(np.tile(x, (3, 1, 1)) for x in (y, dy, dy))
     many = checked.samples_of("invert_many", several, None, SIZES, real, False, problems=True)
     assert many["y"].shape == (3, 5, 12) and many["ddy"].shape == (3, 5, 6)
-    assert checked.samples_of("invert_many", (y, dy, dy), None, SIZES, real, False, problems=True)["y"].shape == (5, 12)
+    assert checked.samples_of("invert_many", (y, dy, dy), None, SIZES, real, False, problems=True)[
+        "y"
+    ].shape == (5, 12)
     for path, force, several_problems, text in (
         ((y, dy[:4], dy), None, False, "f, dy: given shape (4, 6), expected (5, 6)"),
         ((y, dy, dy[:, :5]), None, False, "f, ddy: given shape (5, 5), expected (5, 6)"),
         ((y[:, :3], dy, dy), None, False, "f, y: given shape (5, 3), expected (5, 12)"),
         ((y[0], dy, dy), None, False, "f, y: given shape (12,), expected (n, 12)"),
         (several, None, False, "f, y: given shape (3, 5, 12), expected (n, 12)"),
-        ((y[0], dy, dy), None, True, "f, y: given shape (12,), expected (problems, n, 12) or (n, ...)"),
+        (
+            (y[0], dy, dy),
+            None,
+            True,
+            "f, y: given shape (12,), expected (problems, n, 12) or (n, ...)",
+        ),
         ((several[0], dy, dy), None, True, "f, dy: given shape (5, 6), expected (3, 5, 6)"),
         ((y, dy, dy), push[:, :6], False, "f, force: given shape (5, 6), expected (5, 18)"),
     ):
@@ -235,7 +334,8 @@ def test_samples_of_a_path_have_as_many_rows_each() -> None:
             checked.samples_of("f", path, force, SIZES, real, True, several_problems)
         assert str(caught.value) == text
     with pytest.raises(
-        ArgumentError, match=r'^f, force: given to a library without forces, expected .*parts=\["force"\]'
+        ArgumentError,
+        match=r'^f, force: given to a library without forces, expected .*parts=\["force"\]',
     ):
         checked.samples_of("f", (y, dy, dy), push, SIZES, real, False)
     huge = checked.array_of("f", "y", [1e300, -1e39], None, np.dtype(np.float32))
@@ -243,13 +343,23 @@ def test_samples_of_a_path_have_as_many_rows_each() -> None:
 
 
 def test_holds_of_an_inversion_have_a_number_and_a_delay() -> None:
-    interface: Any = SimpleNamespace(enums={"hold": ("spline", "zoh", "linear")}, limits={"HOLD_DELAY_MAX": 64})
+    interface: Any = SimpleNamespace(
+        enums={"hold": ("spline", "zoh", "linear")}, limits={"HOLD_DELAY_MAX": 64}
+    )
     assert checked.hold_of(interface, "f", "spline", 0) == {"hold": 0, "delay": 0.0}
     assert checked.hold_of(interface, "f", "linear", 64) == {"hold": 2, "delay": 64.0}
     for hold, delay, text in (
         ("cubic", 0.0, "f, hold: given 'cubic', expected one of spline, zoh, linear"),
-        ("zoh", -0.1, "f, delay: given -0.1 samples, expected 0 to 64; for a longer delay give the path earlier"),
-        ("zoh", 64.5, "f, delay: given 64.5 samples, expected 0 to 64; for a longer delay give the path earlier"),
+        (
+            "zoh",
+            -0.1,
+            "f, delay: given -0.1 samples, expected 0 to 64; for a longer delay give the path earlier",
+        ),
+        (
+            "zoh",
+            64.5,
+            "f, delay: given 64.5 samples, expected 0 to 64; for a longer delay give the path earlier",
+        ),
         ("zoh", np.nan, "f, delay: given nan samples, expected 0 to 64"),
         ("zoh", "1", "f, delay: given '1', expected a number"),
     ):

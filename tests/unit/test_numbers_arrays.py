@@ -21,7 +21,11 @@ from flexgen.runtime import arguments
 from flexgen.spec.curve import checked_curves, is_torque_speed
 from flexgen.spec.ports import Port
 
-PORTS = [Port("q", (2,), "rad", "angles"), Port("R", (3, 3), "1", "rotation"), Port("p", (4,), "1", "parameters")]
+PORTS = [
+    Port("q", (2,), "rad", "angles"),
+    Port("R", (3, 3), "1", "rotation"),
+    Port("p", (4,), "1", "parameters"),
+]
 DOUBLE, SINGLE = np.dtype(float), np.dtype(np.float32)
 
 
@@ -44,14 +48,28 @@ def test_arguments_are_bound_by_place_and_name() -> None:
 def test_points_of_arguments_are_counted() -> None:
     ports, p = [PORTS[0], PORTS[1], Port("p", (4,), "1", "shared")], np.zeros(4)
     assert arguments.count_of_points("f", ports, [np.zeros(2), np.zeros((3, 3)), p], 9, "p") is None
-    assert arguments.count_of_points("f", ports, [np.zeros((9, 2)), np.zeros((3, 3)), p], 9, "p") == 9
+    assert (
+        arguments.count_of_points("f", ports, [np.zeros((9, 2)), np.zeros((3, 3)), p], 9, "p") == 9
+    )
     assert arguments.count_of_points("f", ports, [np.zeros(2), np.zeros((0, 3, 3)), p], 9, "p") == 0
     for shapes, text in (
-        (((10, 2), (3, 3), (4,)), r"^f: given 10 points, expected at most 9; call it for parts of them$"),
+        (
+            ((10, 2), (3, 3), (4,)),
+            r"^f: given 10 points, expected at most 9; call it for parts of them$",
+        ),
         (((5, 2), (4, 3, 3), (4,)), "^f, R: given 4 points, expected 5 as in the inputs before$"),
-        (((5, 2), (3, 3), (5, 4)), r"^f, p: given shape \(5, 4\), expected \(4,\): one vector for all points$"),
-        (((5, 3), (3, 3), (4,)), r"^f, q: given shape \(5, 3\), expected \(2,\) or \(N, 2\) \[rad\]$"),
-        (((2,), (1, 2, 3, 3), (4,)), r"^f, R: given shape \(1, 2, 3, 3\), expected \(3, 3\) or \(N, 3, 3\) \[1\]$"),
+        (
+            ((5, 2), (3, 3), (5, 4)),
+            r"^f, p: given shape \(5, 4\), expected \(4,\): one vector for all points$",
+        ),
+        (
+            ((5, 3), (3, 3), (4,)),
+            r"^f, q: given shape \(5, 3\), expected \(2,\) or \(N, 2\) \[rad\]$",
+        ),
+        (
+            ((2,), (1, 2, 3, 3), (4,)),
+            r"^f, R: given shape \(1, 2, 3, 3\), expected \(3, 3\) or \(N, 3, 3\) \[1\]$",
+        ),
     ):
         with pytest.raises(ArgumentError, match=text):
             arguments.count_of_points("f", ports, [np.zeros(shape) for shape in shapes], 9, "p")
@@ -77,7 +95,11 @@ def test_arrays_for_results_are_checked() -> None:
     one, two = arguments.results("f", ports, None, None, DOUBLE)
     assert (one.shape, two.shape) == ((2,), (3, 3))
     one, two = arguments.results("f", ports, None, 7, SINGLE)
-    assert (one.shape, two.shape, two.dtype) == ((7, 2), (7, 3, 3), SINGLE) and two.flags.f_contiguous
+    assert (one.shape, two.shape, two.dtype) == (
+        (7, 2),
+        (7, 3, 3),
+        SINGLE,
+    ) and two.flags.f_contiguous
     good = [np.empty((7, 2), order="F"), np.empty((7, 3, 3), order="F")]
     found = arguments.results("f", ports, tuple(good), 7, DOUBLE)
     assert found[0] is good[0] and found[1] is good[1]
@@ -87,8 +109,14 @@ def test_arrays_for_results_are_checked() -> None:
     for out, text in (
         (good[:1], "^f, out: given 1 arrays, expected 2: q, R$"),
         ([good[0], [1.0]], "^f, out for R: given list, expected a numpy array$"),
-        ([good[0], np.empty((7, 3, 2))], r"R: given shape \(7, 3, 2\) of float64, expected \(7, 3, 3\) of float64$"),
-        ([good[0].astype(SINGLE), good[1]], r"q: given shape \(7, 2\) of float32, expected \(7, 2\) of float64$"),
+        (
+            [good[0], np.empty((7, 3, 2))],
+            r"R: given shape \(7, 3, 2\) of float64, expected \(7, 3, 3\) of float64$",
+        ),
+        (
+            [good[0].astype(SINGLE), good[1]],
+            r"q: given shape \(7, 2\) of float32, expected \(7, 2\) of float64$",
+        ),
         ([locked, good[1]], "q: given an array that is read-only, expected one to write$"),
         (
             [np.empty((7, 2)), good[1]],
@@ -126,30 +154,47 @@ def test_the_first_point_that_is_not_finite_is_told() -> None:
     q, R = np.zeros((5, 2)), np.zeros((5, 3, 3))
     arguments.refuse_not_finite("f", PORTS[:2], [q, R], DOUBLE)
     q[3, 1], R[2, 0, 2] = np.nan, np.inf
-    with pytest.raises(ArgumentError, match=r"^f, R\[2, 0, 2\]: given inf, expected finite numbers$"):
+    with pytest.raises(
+        ArgumentError, match=r"^f, R\[2, 0, 2\]: given inf, expected finite numbers$"
+    ):
         arguments.refuse_not_finite("f", PORTS[:2], [q, R], DOUBLE)
     R[:] = 1e39
-    with pytest.raises(ArgumentError, match=r"^f, R\[0, 0, 0\]: given 1e\+39, expected finite numbers of single prec"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"^f, R\[0, 0, 0\]: given 1e\+39, expected finite numbers of single prec",
+    ):
         arguments.refuse_not_finite("f", PORTS[:2], [q, R], SINGLE)
     with pytest.raises(ArgumentError, match=r"^f, R\[0, 1\]: given nan"):  # of all points
         arguments.refuse_not_finite("f", PORTS[:2], [q, np.array([[0, np.nan], [0, 0]])], DOUBLE)
 
 
 def test_numbers_for_c_are_numbers() -> None:
-    assert arguments.whole_of("f", "n", np.int64(2**31 - 1)) == 2**31 - 1 and arguments.whole_of("f", "n", -(2**31)) < 0
+    assert (
+        arguments.whole_of("f", "n", np.int64(2**31 - 1)) == 2**31 - 1
+        and arguments.whole_of("f", "n", -(2**31)) < 0
+    )
     for bad in (2**31, -(2**31) - 1, 1.0, True, "1"):
         with pytest.raises(ArgumentError, match=r"^f, n: given .*, expected a whole number$"):
             arguments.whole_of("f", "n", bad)
-    assert arguments.number_of("f", "x", np.float32(0.5)) == 0.5 and arguments.number_of("f", "x", 3) == 3.0
+    assert (
+        arguments.number_of("f", "x", np.float32(0.5)) == 0.5
+        and arguments.number_of("f", "x", 3) == 3.0
+    )
     for wrong in (True, "1", None, 10**400):
         with pytest.raises(ArgumentError, match=r"^f, x: given .*, expected a number$"):
             arguments.number_of("f", "x", wrong)
     x = np.array([1, 2], SINGLE)
     assert arguments.numbers("f", PORTS[0], x) is x
-    for odd, text in (([[1], [1, 2]], "expected real"), (["a", "b"], "entries of type"), ([1j, 0], "entries of type")):
+    for odd, text in (
+        ([[1], [1, 2]], "expected real"),
+        (["a", "b"], "entries of type"),
+        ([1j, 0], "entries of type"),
+    ):
         with pytest.raises(ArgumentError, match=f"^f, q: given .*{text}"):
             arguments.numbers("f", PORTS[0], odd)
-    with pytest.raises(ArgumentError, match=r"^f, q: given an array with masked entries, expected real numbers$"):
+    with pytest.raises(
+        ArgumentError, match=r"^f, q: given an array with masked entries, expected real numbers$"
+    ):
         arguments.numbers("f", PORTS[0], np.ma.masked_array([1, 2], [False, True]))
 
 
@@ -168,10 +213,15 @@ def test_figures_of_two_masses_and_a_spring() -> None:
     fast, slow = np.zeros((2, 2)), np.diag([1e4, 1.0])
     rate = second_order.largest_rate(np.stack([M, M]), np.stack([fast, fast]), np.stack([K, 4 * K]))
     assert rate == pytest.approx(2 * np.sqrt(k * (1 / m1 + 1 / m2)))
-    assert second_order.largest_rate(M[None], slow[None], K[None]) == pytest.approx(1e4 / m1, rel=1e-2)
+    assert second_order.largest_rate(M[None], slow[None], K[None]) == pytest.approx(
+        1e4 / m1, rel=1e-2
+    )
     rigid: Any = Made(dof=1, n_a=1, n_m=1, i_g=(0,), i_m=(), eta=np.array([[5.0]]))
     assert_array_equal(second_order.motor_rows(rigid), [[5.0]])
-    assert second_order.with_motors_locked(rigid) == [] and second_order.lowest_locked_hz(rigid, M, K) == 0.0
+    assert (
+        second_order.with_motors_locked(rigid) == []
+        and second_order.lowest_locked_hz(rigid, M, K) == 0.0
+    )
 
 
 def test_matrices_of_a_robot_at_rest() -> None:
@@ -179,7 +229,9 @@ def test_matrices_of_a_robot_at_rest() -> None:
     equations = derive(flexgen.read("elbow", overrides={"gravity": [0.0, 0.0, 0.0]}))
     model, q = equations.model, np.array([[0.2, 0.7]])
     zero = np.zeros((1, 2))
-    found = evaluate(equations.function("residual_jacobians"), q, zero, zero, q @ model.eta.T, zero, zero, zero)
+    found = evaluate(
+        equations.function("residual_jacobians"), q, zero, zero, q @ model.eta.T, zero, zero, zero
+    )
     M, D, K, B = (x[0] for x in second_order_matrices(*found))
     springs: list[Any] = [element.dofs[0].gear for element in model.elements]
     k, d = (
@@ -193,12 +245,21 @@ def test_matrices_of_a_robot_at_rest() -> None:
     T = np.hstack([-np.eye(2), back])
     assert_allclose(K, T.T @ k @ T, atol=1e-6)
     viscous = np.diag(
-        [*(e.dofs[0].friction.viscous for e in model.elements), *(m.friction.viscous for m in model.motors)]
+        [
+            *(e.dofs[0].friction.viscous for e in model.elements),
+            *(m.friction.viscous for m in model.motors),
+        ]
     )
     assert_allclose(D, T.T @ d @ T + viscous, atol=1e-9)
     arm = np.array(equations.function("mass_matrix")(q[0]))
     assert_allclose(
-        M, np.block([[arm, np.zeros((2, 2))], [np.zeros((2, 2)), np.diag([m.inertia for m in model.motors])]])
+        M,
+        np.block(
+            [
+                [arm, np.zeros((2, 2))],
+                [np.zeros((2, 2)), np.diag([m.inertia for m in model.motors])],
+            ]
+        ),
     )
     assert_allclose(B, np.vstack([np.zeros((2, 2)), np.eye(2)]))
     assert not np.signbit(B).any()
@@ -214,7 +275,9 @@ def test_a_coordinate_without_inertia_is_named() -> None:
         motors=[Made(name="a"), Made(name="b")],
     )
     check_inertia(model, np.array([np.eye(2), np.diag([1e-12, 1e6])]))
-    with pytest.raises(ModelError, match=r"arm\.toml.*motor\.b.*singular: b moves no inertia of its own"):
+    with pytest.raises(
+        ModelError, match=r"arm\.toml.*motor\.b.*singular: b moves no inertia of its own"
+    ):
         check_inertia(model, np.array([np.eye(2), np.diag([1.0, 0.0])]))
     with pytest.raises(ModelError, match=r"element\.upper.*: q1 moves no inertia"):
         check_inertia(model, np.diag([0.0, 1.0]))
@@ -246,7 +309,9 @@ def test_a_curve_of_torques_bounds_a_convex_region(points: list[list[float]], go
     if good:
         assert checked_curves("m", [points, []]) == (tuple(map(tuple, points)), ())
     else:
-        with pytest.raises(ArgumentError, match=r"^m: given .*, expected two or more points \[speed, torque\]"):
+        with pytest.raises(
+            ArgumentError, match=r"^m: given .*, expected two or more points \[speed, torque\]"
+        ):
             checked_curves("m", [[], points])
     assert checked_curves("m", [[], ()]) == ()
 
@@ -258,16 +323,23 @@ def test_a_comparison_tells_how_long_its_simulations_take(monkeypatch: pytest.Mo
     made: list[Any] = [Made(method="rigid"), Made(method="lq")]
     monkeypatch.setattr(comparison, "derive", lambda model: model)
     monkeypatch.setattr(comparison, "compare_methods", lambda equations, solution, log: tuple(made))
-    monkeypatch.setattr(comparison, "compare_plants", lambda equations, named, progress: [{"named": sorted(named)}])
+    monkeypatch.setattr(
+        comparison, "compare_plants", lambda equations, named, progress: [{"named": sorted(named)}]
+    )
     monkeypatch.setattr(comparison, "duration", lambda seconds: f"{seconds:g} s")
     monkeypatch.setattr(comparison, "error_rows", lambda solutions: len(solutions))
     compare: Any = comparison.compare
     while hasattr(compare, "__wrapped__"):
         compare = compare.__wrapped__
     solution: Any = Made(interrupted=False, model="arm", simulation=Made(wall_s=8.0), method="lq")
-    monkeypatch.setattr(comparison, "Comparison", lambda solution, solutions, rows=None: (len(solutions), rows))
+    monkeypatch.setattr(
+        comparison, "Comparison", lambda solution, solutions, rows=None: (len(solutions), rows)
+    )
     assert compare(solution, progress=told.append) == (2, None) and told == []
-    assert compare(solution, robustness=True, progress=told.append) == (2, [{"named": ["lq", "rigid"]}])
+    assert compare(solution, robustness=True, progress=told.append) == (
+        2,
+        [{"named": ["lq", "rigid"]}],
+    )
     runs = 2 * len(comparison.PLANTS) * len(comparison.CONTROLS)
     assert told == [f"robustness: {runs} simulations, about {2.0 * runs:g} s"]
     solution.simulation = None
@@ -275,6 +347,7 @@ def test_a_comparison_tells_how_long_its_simulations_take(monkeypatch: pytest.Mo
     assert told[1:] == [f"robustness: {runs // 2} simulations"]
     solution.interrupted = True
     with pytest.raises(
-        ArgumentError, match=r"^solution: given one that was interrupted, expected a solution of the whole"
+        ArgumentError,
+        match=r"^solution: given one that was interrupted, expected a solution of the whole",
     ):
         compare(solution)

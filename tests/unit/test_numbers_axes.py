@@ -45,9 +45,18 @@ def test_values_have_prefixes_of_their_units() -> None:
         (2e-3, "N m", (1.0, "N m")),
     ):
         assert canvas.choose_prefix(value, unit) == expected, (value, unit)
-    assert canvas.measure(0.01234567, "m") == ("12.3", "mm") and canvas.measure(1234.5, "m") == ("1230", "m")
-    assert canvas.measure(1e-13, "m") == ("< 0.001", "nm") and canvas.measure(0.0, "m") == ("0", "nm")
-    assert canvas.measure(999.6, "N m") == ("1000", "N m") and canvas.measure(1e-3, "s") == ("0.001", "s")
+    assert canvas.measure(0.01234567, "m") == ("12.3", "mm") and canvas.measure(1234.5, "m") == (
+        "1230",
+        "m",
+    )
+    assert canvas.measure(1e-13, "m") == ("< 0.001", "nm") and canvas.measure(0.0, "m") == (
+        "0",
+        "nm",
+    )
+    assert canvas.measure(999.6, "N m") == ("1000", "N m") and canvas.measure(1e-3, "s") == (
+        "0.001",
+        "s",
+    )
 
 
 TIME = np.array([-0.4, -0.2, -0.1, 0.0, 0.5, 1.0, 1.2, 2.0, 9.0])
@@ -65,13 +74,16 @@ def test_windows_of_time_hold_path_and_torques() -> None:
     tau = np.stack([[1.0, 1.0, 1.1, 2.0, 5.0, 3.0, 3.001, 3.0, 3.0], np.full(9, 7.0)], axis=1)
     made: Any = Motion(tau_m=tau)
     away, span = canvas.hold(made)
-    assert_allclose(away, np.abs(tau - [1.0, 7.0]))  # the median of the first half of the time before the path
+    # the median of the first half of the time before the path
+    assert_allclose(away, np.abs(tau - [1.0, 7.0]))
     assert_allclose(span, [4.0, 0.0])
     assert canvas.begin(made, 1.0) == pytest.approx(-0.1 - 0.06)
     assert canvas.finish(made, 1.0) == pytest.approx(1.0 + 0.1)  # 1e-3 after 1 s is not visible
     assert canvas.longest(2.0) == 8.0
     tau[7] = 3.01
-    assert canvas.finish(made, 1.0) == pytest.approx(2.0 + 0.1) and canvas.finish(made, 0.3) == pytest.approx(1.2)
+    assert canvas.finish(made, 1.0) == pytest.approx(2.0 + 0.1) and canvas.finish(
+        made, 0.3
+    ) == pytest.approx(1.2)
     tau[8] = 9.0
     assert canvas.finish(made, 3.0) == pytest.approx(3.3) and canvas.finish(made, 20.0) == 9.0
     tau[:] = 4.0
@@ -111,10 +123,24 @@ class Axis:
 @pytest.mark.parametrize(
     ("first", "end", "last", "until", "label", "shaded"),
     [
-        (-0.5, 1.0, 2.0, 2.0, "time, s   (shaded: before and after the path)", [(-0.5, 0.0), (1.0, 2.0)]),
+        (
+            -0.5,
+            1.0,
+            2.0,
+            2.0,
+            "time, s   (shaded: before and after the path)",
+            [(-0.5, 0.0), (1.0, 2.0)],
+        ),
         (0.0, 1.0, 1.0, 1.0, "time, s", []),
         (0.0, 1.0, 1.0, 1.51, "time, s   (the motion ends at 1.51 s)", []),
-        (0.0, 1.0, 1.5, 9.0, "time, s   (shaded: before and after the path; the motion ends at 9 s)", [(1.0, 1.5)]),
+        (
+            0.0,
+            1.0,
+            1.5,
+            9.0,
+            "time, s   (shaded: before and after the path; the motion ends at 9 s)",
+            [(1.0, 1.5)],
+        ),
     ],
 )
 def test_a_time_axis_says_what_is_outside_of_the_path(
@@ -143,14 +169,22 @@ def test_a_time_axis_says_what_is_outside_of_the_path(
     ],
 )
 def test_axes_of_motors_have_their_bounds_where_these_are_near(
-    values: list[float], bound: float | None, lines: list[float], limits: tuple[float, float], titles: list[str]
+    values: list[float],
+    bound: float | None,
+    lines: list[float],
+    limits: tuple[float, float],
+    titles: list[str],
 ) -> None:
     """Within two and a half of the largest value; a line from two fifths of it on; 9 % of margin."""
     ax = Axis()
     solution._limits(ax, np.array(values), bound, 100.0, "N m")
-    assert [y for (y,) in ax.of("axhline")] == lines and [text for (text,) in ax.of("set_title")] == titles
+    assert [y for (y,) in ax.of("axhline")] == lines and [
+        text for (text,) in ax.of("set_title")
+    ] == titles
     low, high = limits
-    assert_allclose(ax.of("set_ylim")[0], [low - 0.09 * (high - low), high + 0.09 * (high - low)], rtol=1e-12)
+    assert_allclose(
+        ax.of("set_ylim")[0], [low - 0.09 * (high - low), high + 0.09 * (high - low)], rtol=1e-12
+    )
 
 
 def test_torques_before_a_path_are_those_of_unstable_zeros() -> None:

@@ -69,11 +69,16 @@ def test_measures_of_a_window_by_hand() -> None:
     soft = compute_measures(small(2), s.windows, z, u)
     for k in range(2):
         envelope = [np.abs(own[i:, k] - rest[k]).max() for i in range(25)]
-        assert soft[4 + k] == pytest.approx(0.01 * sum(min(max(e / 0.3 - 0.5, 0), 1) for e in envelope))
+        assert soft[4 + k] == pytest.approx(
+            0.01 * sum(min(max(e / 0.3 - 0.5, 0), 1) for e in envelope)
+        )
     assert compute_measures(s, s.windows, 0 * z, u)[4] == 0.0
     names = [(m.name, m.unit) for m in measures_of(s)]
     assert names[:2] == [("first, peak to peak of tool", "mm"), ("first, peak to peak of q", "rad")]
-    assert names[4] == ("first, settling time of tool", "s") and names[-1] == ("first, RMS torque", "N m")
+    assert names[4] == ("first, settling time of tool", "s") and names[-1] == (
+        "first, RMS torque",
+        "N m",
+    )
     weights = np.array([1, 1, 2, 2, 3, 3, 4, 5, 6.0])
     assert_allclose([m.weight for m in measures_of(s)], weights / weights.sum())
     assert measures_of(small(outputs=s.outputs[:1]))[0].name == "first, peak to peak"
@@ -91,7 +96,9 @@ def test_where_a_run_should_rest() -> None:
 
 def test_a_draw_follows_from_the_hash_of_its_words() -> None:
     def number(words: str) -> float:
-        return (int.from_bytes(hashlib.sha256(f"key: {words}".encode()).digest()[:8], "big") >> 11) / 2**53
+        return (
+            int.from_bytes(hashlib.sha256(f"key: {words}".encode()).digest()[:8], "big") >> 11
+        ) / 2**53
 
     assert _uniform("key", "x") == number("x")
     push, hold = Disturbance("step", "m1", 2.0, 0.1), Disturbance("pulse", "tool.x", 3.0, 0.0, 0.2)
@@ -106,15 +113,21 @@ def test_a_draw_follows_from_the_hash_of_its_words() -> None:
             sign = 1 if number(f"sign of {segment.name} {k}") < 0.5 else -1
             expected.append(
                 replace(
-                    d, size=sign * d.size * (0.8 + 0.4 * number(f"size of {segment.name} {k}")), start_s=now + d.start_s
+                    d,
+                    size=sign * d.size * (0.8 + 0.4 * number(f"size of {segment.name} {k}")),
+                    start_s=now + d.start_s,
                 )
             )
         windows[segment.name] = Window(segment.name, now, now + segment.length_s, segment.weights)
         now += segment.length_s
     assert [(d.kind, d.where) for d in found.disturbances] == [(d.kind, d.where) for d in expected]
-    assert_allclose([(d.size, d.start_s) for d in found.disturbances], [(d.size, d.start_s) for d in expected])
+    assert_allclose(
+        [(d.size, d.start_s) for d in found.disturbances], [(d.size, d.start_s) for d in expected]
+    )
     assert found.windows == (windows["a"], windows["b"], last)
-    assert found.first == FIRST_K + int(FIRST_K * number("first sample")) and found.seed == int(2**62 * number("noise"))
+    assert found.first == FIRST_K + int(FIRST_K * number("first sample")) and found.seed == int(
+        2**62 * number("noise")
+    )
     places = sorted(range(5), key=lambda k: number(f"place of robot {k}"))
     assert found.order(5) == places and Draw(0, (), ()).order(3) == [0, 1, 2]
 
@@ -155,7 +168,10 @@ def scored(values: np.ndarray, **more: object) -> Score:
 def test_a_score_by_hand() -> None:
     values = np.random.default_rng(2).uniform(1, 9, (2, 4, 2))
     made = scored(values)
-    each = values[:, :, 0] / np.array([[2], [1]]) * 0.25 + values[:, :, 1] / np.array([[4], [8]]) * 0.75
+    each = (
+        values[:, :, 0] / np.array([[2], [1]]) * 0.25
+        + values[:, :, 1] / np.array([[4], [8]]) * 0.75
+    )
     totals = 0.5 * each[:, 0] + 0.3 * each[:, 1:3].max(axis=1) + 0.2 * each[:, 3]
     assert_allclose(robot_scores(MEASURES, values, made.reference), each)
     assert_allclose(draw_totals(made.scenario, each), totals)
@@ -164,25 +180,48 @@ def test_a_score_by_hand() -> None:
     assert made.spread == pytest.approx(abs(totals[0] - totals[1]) / np.sqrt(2))
     assert_allclose(made.each, each.mean(axis=0))
     assert made.parts == pytest.approx(
-        {"nominal": each[:, 0].mean(), "soft": each[:, 1:3].max(axis=1).mean(), "heavy": each[:, 3].mean()}
+        {
+            "nominal": each[:, 0].mean(),
+            "soft": each[:, 1:3].max(axis=1).mean(),
+            "heavy": each[:, 3].mean(),
+        }
     )
     row = made.table[1]
-    assert row["measure"] == "y" and row["unit"] == "N m" and row["weight"] == 0.75 and row["reference"] == 6.0
+    assert (
+        row["measure"] == "y"
+        and row["unit"] == "N m"
+        and row["weight"] == 0.75
+        and row["reference"] == 6.0
+    )
     assert row["nominal"] == pytest.approx(values[:, 0, 1].mean())
     assert row["soft"] == pytest.approx(values[:, 1:3, 1].max(axis=1).mean())
-    assert made.spread_words == f"worst draw {totals.max():.4f}, spread {made.spread:.4f} over 2 draws"
+    assert (
+        made.spread_words == f"worst draw {totals.max():.4f}, spread {made.spread:.4f} over 2 draws"
+    )
     data = made.to_dict()
-    assert data["score"] == made.total and data["draws"] == pytest.approx(totals.tolist()) and data["accepted"]
-    assert data["robots"] == pytest.approx(dict(zip(("nominal", "a", "b", "c"), each.mean(axis=0), strict=True)))
+    assert (
+        data["score"] == made.total
+        and data["draws"] == pytest.approx(totals.tolist())
+        and data["accepted"]
+    )
+    assert data["robots"] == pytest.approx(
+        dict(zip(("nominal", "a", "b", "c"), each.mean(axis=0), strict=True))
+    )
     text = str(made)
     assert (
-        text.startswith(f"s version 7\ncontroller mine: V = {made.total:.4f} (nominal ") and made.spread_words in text
+        text.startswith(f"s version 7\ncontroller mine: V = {made.total:.4f} (nominal ")
+        and made.spread_words in text
     )
     assert repr(made) == f"<Score s, mine: V = {made.total:.4f}>"
     one = scored(values[:1], reference=made.reference[:1])
     assert np.isnan(one.spread) and one.spread_words == "" and "draws" not in one.to_dict()
     refused = scored(values, refused=("too loud",), rule="no rule")
-    assert not refused.accepted and np.isnan(refused.total) and np.isnan(refused.worst) and refused.parts == {}
+    assert (
+        not refused.accepted
+        and np.isnan(refused.total)
+        and np.isnan(refused.worst)
+        and refused.parts == {}
+    )
     assert refused.totals.shape == (0,) and "score" not in refused.to_dict()
     assert str(refused) == "s version 7\ncontroller mine: refused, no score\n  too loud\n  no rule"
     assert not scored(values * np.nan).accepted
@@ -190,18 +229,35 @@ def test_a_score_by_hand() -> None:
 
 def test_broken_rules_of_a_score() -> None:
     chosen, ours = SimpleNamespace(plan=1, version=2, seed=5, steps=4), Linear(*np.zeros((4, 1, 1)))
-    assert _find_broken_rule(chosen, ours, None, None) == _find_broken_rule(chosen, ours, 5, 4) == ""
-    assert _find_broken_rule(chosen, ours, 6, None) == "not the published score: other draws and noise, of the seed 6"
-    assert _find_broken_rule(chosen, ours, 5, 8) == "not the published score: 8 integration steps in a sample"
+    assert (
+        _find_broken_rule(chosen, ours, None, None) == _find_broken_rule(chosen, ours, 5, 4) == ""
+    )
+    assert (
+        _find_broken_rule(chosen, ours, 6, None)
+        == "not the published score: other draws and noise, of the seed 6"
+    )
+    assert (
+        _find_broken_rule(chosen, ours, 5, 8)
+        == "not the published score: 8 integration steps in a sample"
+    )
     other = object.__new__(ForeignController)
     other.is_object = False
     assert _find_broken_rule(chosen, other, None, None) == ""
-    assert _find_broken_rule(chosen, other, 5, None).startswith("no fair score: the seed 5 was given")
-    assert _find_broken_rule(chosen, other, None, 8) == "not the published score: 8 integration steps in a sample"
+    assert _find_broken_rule(chosen, other, 5, None).startswith(
+        "no fair score: the seed 5 was given"
+    )
+    assert (
+        _find_broken_rule(chosen, other, None, 8)
+        == "not the published score: 8 integration steps in a sample"
+    )
     stated = SimpleNamespace(plan=None, version=1, seed=5, steps=4)
-    assert _find_broken_rule(stated, other, None, None).startswith("no fair score: the times of version 1 are known")
+    assert _find_broken_rule(stated, other, None, None).startswith(
+        "no fair score: the times of version 1 are known"
+    )
     other.is_object = True
-    assert _find_broken_rule(chosen, other, None, None).startswith("no published score: the object is part of the")
+    assert _find_broken_rule(chosen, other, None, None).startswith(
+        "no published score: the object is part of the"
+    )
 
 
 def test_reasons_to_refuse_a_controller() -> None:
@@ -229,9 +285,14 @@ def test_reasons_to_refuse_a_controller() -> None:
 
 def test_outputs_and_disturbances_of_a_scenario() -> None:
     coordinates = [SimpleNamespace(name=name) for name in ("q1", "q2")]
-    outputs = (Output("sum", "rad", {"q1": 2.0, "q2": -1.0}, "", 1.0), Output("height", "mm", {}, "z", 1e3))
+    outputs = (
+        Output("sum", "rad", {"q1": 2.0, "q2": -1.0}, "", 1.0),
+        Output("height", "mm", {}, "z", 1e3),
+    )
     s = SimpleNamespace(model=SimpleNamespace(coordinates=coordinates), outputs=outputs)
-    library = SimpleNamespace(forward_kinematics=lambda q: SimpleNamespace(p=np.c_[q[:, 0], 0 * q[:, 0], q[:, 1] ** 2]))
+    library = SimpleNamespace(
+        forward_kinematics=lambda q: SimpleNamespace(p=np.c_[q[:, 0], 0 * q[:, 0], q[:, 1] ** 2])
+    )
     q = np.random.default_rng(3).normal(size=(4, 2, 3))
     found = _outputs(s, library)(q)
     assert_allclose(found[:, :, 0], 2 * q[:, 0] - q[:, 1])
@@ -251,7 +312,13 @@ def test_hashes_of_content() -> None:
     first = content_hash(window, "x")
     assert first == content_hash(Window("a", 0.1 + 1e-15, 2.0, {"peak": 1.0}), "x")
     assert (
-        len({first, content_hash(replace(window, end=2.0 + 1e-10), "x"), content_hash(replace(window, name="b"), "x")})
+        len(
+            {
+                first,
+                content_hash(replace(window, end=2.0 + 1e-10), "x"),
+                content_hash(replace(window, name="b"), "x"),
+            }
+        )
         == 3
     )
     text = '["Window",{"begin":"0.1","end":"2","name":"a","weights":{"peak":"1"}}]'
@@ -287,13 +354,19 @@ def test_sets_of_robots_are_columns_of_hadamard_matrices() -> None:
     nominal = np.array([m.inertia for m in model.motors[:2]])
     signs = np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
     expected = np.vstack([nominal, nominal * (1 + signs * [0.1, 0.2]), nominal, nominal])
-    order = [[p.name for p in plants.parameters].index(f"{m.name}.inertia") for m in model.motors[:2]]
+    order = [
+        [p.name for p in plants.parameters].index(f"{m.name}.inertia") for m in model.motors[:2]
+    ]
     assert_allclose(plants.values[:, order], expected)
     assert not plants.values.flags.writeable and plants.loads == ("",) * 7
 
 
 def test_versions_and_controllers_of_benchmarks() -> None:
-    assert (scenario("four_mass").version, scenario("four_mass@1").version, scenario("four_mass", 1).version) == (
+    assert (
+        scenario("four_mass").version,
+        scenario("four_mass@1").version,
+        scenario("four_mass", 1).version,
+    ) == (
         2,
         1,
         1,
@@ -312,23 +385,39 @@ def test_versions_and_controllers_of_benchmarks() -> None:
     assert set(first) <= set(second) and all("-2-" not in path.name for path in first.values())
     newer = [name for name, path in second.items() if "-2-" in path.name]
     assert newer and all(second[name] != first.get(name) for name in newer)
-    assert [is_foreign(x) for x in ("a.py", "b.py:C", "c.so", "d.toml", PPI(), object())] == [1, 1, 1, 0, 0, 1]
+    assert [is_foreign(x) for x in ("a.py", "b.py:C", "c.so", "d.toml", PPI(), object())] == [
+        1,
+        1,
+        1,
+        0,
+        0,
+        1,
+    ]
 
     class Own(LinearDesign):
         def linear(self, *_: object) -> object: ...  # type: ignore[override]
 
     assert [is_foreign(x) for x in (LQG(), Own())] == [0, 1]  # designs of flexgen, and of others
-    assert scenario("two_link@1").frozen and not replace(scenario("two_link@1"), tolerance=9.0).frozen
+    assert (
+        scenario("two_link@1").frozen and not replace(scenario("two_link@1"), tolerance=9.0).frozen
+    )
 
 
-GIVEN = Cascade(np.array([3.0, 0.0]), np.array([2.0, 5.0]), np.zeros(2), (LowPass(30.0, 0.7), Notch(9.0, 0.1, 0.5)))
+GIVEN = Cascade(
+    np.array([3.0, 0.0]),
+    np.array([2.0, 5.0]),
+    np.zeros(2),
+    (LowPass(30.0, 0.7), Notch(9.0, 0.1, 0.5)),
+)
 
 
 def test_numbers_of_a_cascade_are_logarithms_of_what_is_not_zero() -> None:
     x = tune.numbers_of(GIVEN)
     assert_allclose(x, np.log([3, 2, 5, 30, 0.7, 9, 0.1, 0.5]))
     other = tune.with_numbers(GIVEN, x + np.log(2))
-    assert_allclose([*other.position_gain, *other.speed_gain, *other.integral_gain], [6, 0, 4, 10, 0, 0])
+    assert_allclose(
+        [*other.position_gain, *other.speed_gain, *other.integral_gain], [6, 0, 4, 10, 0, 0]
+    )
     low, notch = other.filters
     assert_allclose([low.frequency_hz, low.damping], [60.0, 1.4])
     assert_allclose([notch.frequency_hz, notch.zero_damping, notch.pole_damping], [18.0, 0.2, 1.0])
@@ -358,7 +447,9 @@ def test_the_simplex_finds_the_least_of_a_known_score(monkeypatch: pytest.Monkey
             x = np.log([law.position_gain[0], law.speed_gain[0]])
             seen.append(x)
             refused = ("a", "b") if x[0] < -0.2 else ()
-            return SimpleNamespace(values=np.full((2, 1, 1), 1 + ((x - 1) ** 2).sum()), refused=refused)
+            return SimpleNamespace(
+                values=np.full((2, 1, 1), 1 + ((x - 1) ** 2).sum()), refused=refused
+            )
 
     monkeypatch.setattr(tune, "Bench", lambda chosen: Bench())
     monkeypatch.setattr(tune, "reference_measures", lambda chosen, seed: np.ones((2, 1)))
@@ -412,23 +503,37 @@ def test_versions_are_those_of_the_scenario_itself(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(scenario_file, "FROZEN", known | {("other", 7): ("", "")})
     versions = ", ".join(str(number) for _, number in known)
     for given in ({"version": 7}, {"version": 0}):
-        with pytest.raises(ArgumentError, match=f"version of four_mass: given .*, expected one of {versions}$"):
+        with pytest.raises(
+            ArgumentError, match=f"version of four_mass: given .*, expected one of {versions}$"
+        ):
             scenario("four_mass", **given)
     assert scenario("four_mass").version == max(number for _, number in known)
 
 
-@pytest.mark.parametrize(("size", "read"), [(0, True), (2**20 - 1, True), (2**20, False), (-1, False)])
+@pytest.mark.parametrize(
+    ("size", "read"), [(0, True), (2**20 - 1, True), (2**20, False), (-1, False)]
+)
 def test_messages_of_a_process_have_less_than_a_mebibyte(size: int, read: bool) -> None:
     """The words with which it begins, and reports on robots that failed (which are not empty)."""
     asked: list[int] = []
 
     def exchange(sent: bytes, count: int) -> bytes:
         asked.append(count)
-        return struct.pack("=q", size) if count == 8 else b"" if not sent else struct.pack("=qd", size, 7.5)
+        return (
+            struct.pack("=q", size)
+            if count == 8
+            else b""
+            if not sent
+            else struct.pack("=qd", size, 7.5)
+        )
 
     made = object.__new__(ForeignController)
-    vars(made).update(_failure="", _process=SimpleNamespace(poll=lambda: None), _load={}, name="mine")
-    vars(made).update(_exchange=exchange, _describe_end=lambda: "ended", step_s=1.0, total_s=9.0, used_s=0.0)
+    vars(made).update(
+        _failure="", _process=SimpleNamespace(poll=lambda: None), _load={}, name="mine"
+    )
+    vars(made).update(
+        _exchange=exchange, _describe_end=lambda: "ended", step_s=1.0, total_s=9.0, used_s=0.0
+    )
     setup = SimpleNamespace(n_a=2, n_y=2, n_ref=2, sample_s=1e-3, q_m=np.zeros((1, 2)))
     if read:
         made._begin(setup)

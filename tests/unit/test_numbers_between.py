@@ -19,7 +19,10 @@ from flexgen.torque_curve import POLYNOMIALS
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_a_motion_whose_acceleration_jumps_is_its_integral(degree: int) -> None:
     """Two intervals of ten steps with other polynomials; angle and speed continue, integrated by hand."""
-    parts = [np.array([2.0, -1.0, 0.5, 3.0])[: degree + 1], np.array([-4.0, 2.5, 1.0, -2.0])[: degree + 1]]
+    parts = [
+        np.array([2.0, -1.0, 0.5, 3.0])[: degree + 1],
+        np.array([-4.0, 2.5, 1.0, -2.0])[: degree + 1],
+    ]
     start: list[Any] = [(0.3, -0.2)]
     powers = np.arange(degree + 1)
 
@@ -42,7 +45,9 @@ def test_a_motion_whose_acceleration_jumps_is_its_integral(degree: int) -> None:
     channels = dict(zip(("q_a", "v_a", "a_a"), x, strict=True)) | {"tau_m": x[2], "other": x[0]}
     found = interpolation.interpolate(t, channels, {POLYNOMIALS: degree}, at)
     for name, expected in zip(("q_a", "v_a", "a_a"), whole(at), strict=True):
-        assert_allclose(found[name], expected[:, None] * [1.0, -2.0], rtol=1e-9, atol=1e-12, err_msg=name)
+        assert_allclose(
+            found[name], expected[:, None] * [1.0, -2.0], rtol=1e-9, atol=1e-12, err_msg=name
+        )
     assert_allclose(found["tau_m"], found["a_a"], rtol=1e-12)
     assert list(found) == list(channels)
 
@@ -62,12 +67,15 @@ def test_instants_outside_of_a_trajectory_are_refused() -> None:
             interpolation.interpolate(t, channels, {}, at)
         assert str(refused.value) == f"t: given {given}, {expected}"
     assert_allclose(interpolation.interpolate(t, channels, {}, 0.25)["x"], [1.0])
-    parabola = interpolation.interpolate(t, channels, {}, [0.375, 1.0])["x"]  # through three samples
+    # through three samples
+    parabola = interpolation.interpolate(t, channels, {}, [0.375, 1.0])["x"]
     assert_allclose(parabola[:, 0], [1.0 + 4.0 * 0.125 + 8 / 3 * 0.125 * -0.125, 5.0])
 
 
 @pytest.mark.parametrize("feedforward", [False, True])
-def test_a_law_of_gravity_holds_the_arm_where_it_will_be(feedforward: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_of_gravity_holds_the_arm_where_it_will_be(
+    feedforward: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """``u = eta^-T g(q)`` at the delayed arm, then motor angles and speeds, and zeros for what the law does not use."""
     q = ca.SX.sym("q", 2)
     gravity = ca.Function("gravity", [q], [ca.vertcat(3 * q[0], q[0] * q[1])])
@@ -96,11 +104,15 @@ def test_a_law_of_gravity_holds_the_arm_where_it_will_be(feedforward: bool, monk
     loops: list[Any] = []
     monkeypatch.setattr(motor_laws, "flexible_joint_obstacle", lambda model: None)
     monkeypatch.setattr(motor_laws, "_check_gravity", lambda motion, k_p: loops.append(k_p))
-    monkeypatch.setattr(motor_laws, "check_pose_loop", lambda motion, gains, text: loops.append((gains(0), text)))
+    monkeypatch.setattr(
+        motor_laws, "check_pose_loop", lambda motion, gains, text: loops.append((gains(0), text))
+    )
     monkeypatch.setattr(motor_laws, "library_with", lambda model, names: names)
     monkeypatch.setattr(motor_laws, "BoundLaw", lambda *given: given)
     bound: Any = motor_laws.TomeiPD.bound
-    law = bound.__wrapped__(motor_laws.TomeiPD(k_p=(5.0, 6.0), k_d=(0.25, 0.5), feedforward=feedforward), motion)
+    law = bound.__wrapped__(
+        motor_laws.TomeiPD(k_p=(5.0, 6.0), k_d=(0.25, 0.5), feedforward=feedforward), motion
+    )
     g = np.stack([3 * arm[:, 0, 0], arm[:, 0, 0] * arm[:, 0, 1]], axis=1)
     u = held if feedforward else np.array([np.linalg.solve(eta.T, row) for row in g])
     table, gains, base = law[5], law[6], law[9]
@@ -112,4 +124,6 @@ def test_a_law_of_gravity_holds_the_arm_where_it_will_be(feedforward: bool, monk
     assert_allclose(loops[0], [5.0, 6.0])
     assert_allclose(position, [[0, 0, 5.0, 0], [0, 0, 0, 6.0]])
     assert_allclose(speed, [[0, 0, 0.25, 0], [0, 0, 0, 0.5]])
-    assert text == "k_p, k_d: given [5. 6.], [0.25 0.5 ]" and law[4] == "timing" and law[10] == 8000.0
+    assert (
+        text == "k_p, k_d: given [5. 6.], [0.25 0.5 ]" and law[4] == "timing" and law[10] == 8000.0
+    )

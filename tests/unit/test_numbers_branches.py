@@ -34,7 +34,10 @@ parent = "trunk"
 origin = {{ position = [-0.3, 0.5, 0.1], rpy_deg = [-50, 10, 70] }}
 {BODY}
 dof = [{{ name = "q3", type = "rotation", axis = [1, 0, 0], gear = {{ type = "rigid" }} }}]
-""" + "".join(f'\n[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100.0\ninertia = 1e-4\n' for k in (1, 2, 3))
+""" + "".join(
+    f'\n[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100.0\ninertia = 1e-4\n'
+    for k in (1, 2, 3)
+)
 
 
 def test_recursions_of_a_robot_with_two_branches_are_those_of_its_energy(tmp_path: Path) -> None:

@@ -35,17 +35,34 @@ def robot(name: str) -> flexgen.RobotModel:
     """
     hand: dict[str, Any] = {}
     if name == "mechanism":
-        name, elements = "elbow", tomllib.loads(Path(flexgen.read("elbow").file).read_text())["element"]
-        turn = {"name": "q3", "type": "rotation", "axis": [0, 1, 0], "mimic": {"q1": -0.6, "q2": 0.4}}
+        name, elements = (
+            "elbow",
+            tomllib.loads(Path(flexgen.read("elbow").file).read_text())["element"],
+        )
+        turn = {
+            "name": "q3",
+            "type": "rotation",
+            "axis": [0, 1, 0],
+            "mimic": {"q1": -0.6, "q2": 0.4},
+        }
         body = {"mass": 30.0, "com": [0.2, 0.0, 0.1], "inertia": [1.0, 1.0, 1.0]}
         hand = {
-            "element": [*elements, {"name": "hand", "origin": {"position": [1.2, 0, 0]}, "body": body, "dof": [turn]}]
+            "element": [
+                *elements,
+                {"name": "hand", "origin": {"position": [1.2, 0, 0]}, "body": body, "dof": [turn]},
+            ]
         }
     model = flexgen.read(name)
     first = model.elements[0].name
     trackers: list[dict[str, Any]] = [
         {"name": "t", "type": "tracker", "unit": "m", "position": [0.05, 0.02, 0.1]},
-        {"name": "u", "type": "tracker", "unit": "m", "element": first, "position": [0.1, 0.0, 0.05]},
+        {
+            "name": "u",
+            "type": "tracker",
+            "unit": "m",
+            "element": first,
+            "position": [0.1, 0.0, 0.05],
+        },
     ]
     payload = {"payload": {"mass": 4.0}} if name == "elbow" else {}
     return flexgen.read(name, overrides={**hand, "sensor": trackers, **payload})
@@ -67,7 +84,11 @@ def test_slopes_of_all_numbers_are_differences(name: str) -> None:
     statics, numbers, unknowns, x = case(name)
     rest = statics.rest(numbers)
     found, _ = statics.slopes(numbers, rest, unknowns)
-    assert found.shape == (4, 2, 3, len(unknowns)) and {u.kind for u in unknowns} >= {"node", "frame", "tracker"}
+    assert found.shape == (4, 2, 3, len(unknowns)) and {u.kind for u in unknowns} >= {
+        "node",
+        "frame",
+        "tracker",
+    }
     factors = [u.name for u in unknowns if u.kind == "factor"]
     assert factors == (["q3.mimic.q1", "q3.mimic.q2"] if name == "mechanism" else [])
     for k, unknown in enumerate(unknowns):
@@ -77,14 +98,22 @@ def test_slopes_of_all_numbers_are_differences(name: str) -> None:
             and unknown.name not in ("q1.zero", "q2.zero", "hand.mass")
         ):
             continue  # as without a mechanism
-        h = {"node": 1e-6, "frame": 1e-6, "tracker": 1e-6, "center": 1e-3}.get(unknown.kind, 1e-3 * abs(x[k]))
+        h = {"node": 1e-6, "frame": 1e-6, "tracker": 1e-6, "center": 1e-3}.get(
+            unknown.kind, 1e-3 * abs(x[k])
+        )
         more, less = (
-            statics.rest(Numbers.of(statics.tree, unknowns, x + s * h * (np.arange(len(x)) == k))).measured
+            statics.rest(
+                Numbers.of(statics.tree, unknowns, x + s * h * (np.arange(len(x)) == k))
+            ).measured
             for s in (1.0, -1.0)
         )
         size = np.abs(found[..., k]).max() + 1e-9
         assert_allclose(
-            found[..., k], (more - less) / (2 * h), rtol=1e-4, atol=1e-5 * size + 1e-12, err_msg=unknown.name
+            found[..., k],
+            (more - less) / (2 * h),
+            rtol=1e-4,
+            atol=1e-5 * size + 1e-12,
+            err_msg=unknown.name,
         )
 
 
@@ -120,8 +149,12 @@ def test_a_rest_balances_springs_and_gravity(name: str) -> None:
             statics.rest(replace(soft, compliances=0 * soft.compliances + 1.0))
     again = statics.rest(numbers, rest.near)
     assert_allclose(again.q, rest.q, atol=1e-12)
-    for inverse in (rest.near.inverse, None if rest.near.inverse is None else rest.near.inverse[::-1]):
-        far = statics.rest(numbers, Near(np.zeros_like(rest.near.deflection), inverse))  # also with that of other poses
+    for inverse in (
+        rest.near.inverse,
+        None if rest.near.inverse is None else rest.near.inverse[::-1],
+    ):
+        # also with that of other poses
+        far = statics.rest(numbers, Near(np.zeros_like(rest.near.deflection), inverse))
         assert_allclose(far.q, rest.q, atol=1e-9)
     part = statics.among(np.array([3, 1])).rest(numbers)
     assert_allclose(part.measured, rest.measured[[3, 1]], atol=1e-9)
@@ -129,14 +162,20 @@ def test_a_rest_balances_springs_and_gravity(name: str) -> None:
 
 def test_frames_of_a_measurement_turn_about_x_y_z() -> None:
     frame = np.array([1.0, 2.0, 3.0, 0.3, -0.5, 0.8])
-    assert_allclose(frame_rotation(frame), Rotation.from_euler("XYZ", frame[3:]).as_matrix(), atol=1e-14)
+    assert_allclose(
+        frame_rotation(frame), Rotation.from_euler("XYZ", frame[3:]).as_matrix(), atol=1e-14
+    )
     h = 1e-6
     for k, slope in enumerate(frame_slopes(frame)):
         e = h * (np.arange(6) == 3 + k)
-        assert_allclose(slope, (frame_rotation(frame + e) - frame_rotation(frame - e)) / (2 * h), atol=1e-9)
+        assert_allclose(
+            slope, (frame_rotation(frame + e) - frame_rotation(frame - e)) / (2 * h), atol=1e-9
+        )
     axis = np.array([0.6, 0.0, 0.8])
     found = rotations(axis, np.array([0.4, -1.2]))
-    assert_allclose(found, [Rotation.from_rotvec(a * axis).as_matrix() for a in (0.4, -1.2)], atol=1e-14)
+    assert_allclose(
+        found, [Rotation.from_rotvec(a * axis).as_matrix() for a in (0.4, -1.2)], atol=1e-14
+    )
 
 
 def test_a_point_of_a_frame_moves_with_the_nodes_before_it() -> None:
@@ -150,17 +189,22 @@ def test_a_point_of_a_frame_moves_with_the_nodes_before_it() -> None:
         slopes = tree.point_slopes(at, mount, point)
         for k in range(len(tree.nodes)):
             e = h * (np.arange(len(tree.nodes)) == k)
-            change = (tree.point(tree.posture(q + e), mount, place) - tree.point(tree.posture(q - e), mount, place)) / (
-                2 * h
-            )
+            change = (
+                tree.point(tree.posture(q + e), mount, place)
+                - tree.point(tree.posture(q - e), mount, place)
+            ) / (2 * h)
             assert_allclose(slopes[:, :, k], change, atol=1e-8)
     first = tree._add("more", tree.tip("base"), np.array([0.0, 0.0, 1.0]), False)
     other = Tree(robot("elbow"))
     mount = replace(first, node=0)
-    slopes = other.point_slopes(other.posture(q), mount, other.point(other.posture(q), mount, place))
+    slopes = other.point_slopes(
+        other.posture(q), mount, other.point(other.posture(q), mount, place)
+    )
     assert slopes[:, :, 0].any() and not slopes[:, :, 1:].any()
     n = len(other.nodes)
-    assert other.carries[0].all() and other.carries[:, 0].sum() == 1 and np.trace(other.carries) == n
+    assert (
+        other.carries[0].all() and other.carries[:, 0].sum() == 1 and np.trace(other.carries) == n
+    )
 
 
 # --- what a user reads ------------------------------------------------------------------------------------------------
@@ -168,7 +212,11 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
     arm: Any = SimpleNamespace(n_g=2, name="arm")
 
     def check(
-        count: int = calibrate.FEWEST, joints: int = 2, trackers: int = 1, folds: int = 5, lost: bool = False
+        count: int = calibrate.FEWEST,
+        joints: int = 2,
+        trackers: int = 1,
+        folds: int = 5,
+        lost: bool = False,
     ) -> None:
         positions = np.full((count, trackers, 3), np.nan if lost else 1.0)
         poses: Any = Poses(np.zeros((count, joints)), positions)
@@ -185,9 +233,15 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
         ({"trackers": 2}, f"poses: given 2 joints and 2 trackers, {advice}"),
         ({"count": fewest - 1}, f"poses: given {fewest - 1}, expected at least {fewest}"),
         ({"folds": 1}, f"folds: given 1, expected 0, or 2 to {fewest}, the number of poses"),
-        ({"folds": fewest + 1}, f"folds: given {fewest + 1}, expected 0, or 2 to {fewest}, the number of poses"),
+        (
+            {"folds": fewest + 1},
+            f"folds: given {fewest + 1}, expected 0, or 2 to {fewest}, the number of poses",
+        ),
         ({"folds": -1}, f"folds: given -1, expected 0, or 2 to {fewest}, the number of poses"),
-        ({"lost": True}, "poses: given a tracker that was seen in no pose, expected at least one position of each"),
+        (
+            {"lost": True},
+            "poses: given a tracker that was seen in no pose, expected at least one position of each",
+        ),
     ):
         with pytest.raises(ArgumentError) as caught:
             check(**more)  # type: ignore[arg-type]
@@ -208,7 +262,9 @@ class Poses:
 
 def test_warnings_of_a_calibration() -> None:
     """Compliances that would be negative, errors on other poses, gross errors, and no end."""
-    unknowns: Any = [SimpleNamespace(name=name) for name in ("q1.compliance", "q2.compliance", "q1.zero")]
+    unknowns: Any = [
+        SimpleNamespace(name=name) for name in ("q1.compliance", "q2.compliance", "q1.zero")
+    ]
     errors = np.full((30, 2), 1e-3)
 
     def found(**more: Any) -> Any:
@@ -217,10 +273,15 @@ def test_warnings_of_a_calibration() -> None:
 
     none = np.zeros(3)
     assert calibrate._warnings(unknowns, found(), none, None) == ()
-    assert calibrate._warnings(unknowns, found(), none, np.full((30, 2), 0.99e-3 * calibrate.MANY)) == ()
+    assert (
+        calibrate._warnings(unknowns, found(), none, np.full((30, 2), 0.99e-3 * calibrate.MANY))
+        == ()
+    )
     pull = np.array([1.01 * calibrate.PULL, 0.99 * calibrate.PULL, 0.0])
     (text,) = calibrate._warnings(unknowns, found(), pull, None)
-    assert text.startswith("the measurements ask for a negative compliance of q1: a mechanism, a spring below it or ")
+    assert text.startswith(
+        "the measurements ask for a negative compliance of q1: a mechanism, a spring below it or "
+    )
     held = np.full((30, 2), 2e-3 * calibrate.MANY)
     held[3] = np.nan
     (text,) = calibrate._warnings(unknowns, found(), none, held)
@@ -228,27 +289,42 @@ def test_warnings_of_a_calibration() -> None:
         f"the mean error on poses that were not fitted is {2 * calibrate.MANY:.2g} times that of the"
     )
     gross = errors.copy()
-    gross[4, 1], gross[7, 0], gross[9, 0] = 1.01e-3 * calibrate.GROSS, 0.99e-3 * calibrate.GROSS, np.nan
+    gross[4, 1], gross[7, 0], gross[9, 0] = (
+        1.01e-3 * calibrate.GROSS,
+        0.99e-3 * calibrate.GROSS,
+        np.nan,
+    )
     size = f"{calibrate.GROSS:.3g}"
     expected = (f"1 poses have an error above {size} mm: rows 5 of the poses",)
     assert calibrate._warnings(unknowns, found(errors=gross), none, None) == expected
     gross[:11] = 1.0
     (text,) = calibrate._warnings(unknowns, found(errors=gross), none, None)
-    assert text.endswith("rows 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ... of the poses") and text.startswith("11 poses")
+    assert text.endswith(
+        "rows 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ... of the poses"
+    ) and text.startswith("11 poses")
     gross[10] = 0.0
-    assert calibrate._warnings(unknowns, found(errors=gross), none, None)[0].endswith("9, 10 of the poses")
-    assert calibrate._warnings(unknowns, found(converged=False), none, None) == ("the search did not end at a minimum",)
+    assert calibrate._warnings(unknowns, found(errors=gross), none, None)[0].endswith(
+        "9, 10 of the poses"
+    )
+    assert calibrate._warnings(unknowns, found(converged=False), none, None) == (
+        "the search did not end at a minimum",
+    )
 
 
 @pytest.mark.parametrize(
     ("errors", "named"),
-    [({"a": 0.5, "b": 0.02}, "probably b"), ({"a": 0.9, "b": 0.8}, "check units, signs and the order of the columns")],
+    [
+        ({"a": 0.5, "b": 0.02}, "probably b"),
+        ({"a": 0.9, "b": 0.8}, "check units, signs and the order of the columns"),
+    ],
 )
 def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
     errors: dict[str, float], named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the model leaves much of the motion unexplained; what is left is over the scatter of the positions."""
-    sizes: dict[Any, tuple[float, float]] = {"given": (1.0, 1.1)} | {name: (x, 1.0) for name, x in errors.items()}
+    sizes: dict[Any, tuple[float, float]] = {"given": (1.0, 1.1)} | {
+        name: (x, 1.0) for name, x in errors.items()
+    }
 
     class Part:
         model = SimpleNamespace(name="arm")
@@ -270,7 +346,10 @@ def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
         f"arm: {named}"
     )
     first = "frame of the measurement, trackers and unknown places"
-    assert told == [first, "91 % of the motion is not explained: searching for a mistake in the poses"]
+    assert told == [
+        first,
+        "91 % of the motion is not explained: searching for a mistake in the poses",
+    ]
     sizes["given"] = (0.99 * mistakes.DOUBTFUL, 1.0)
     assert mistakes.find_start(statics, data, (), told.append) == "start" and told[2:] == [first]
 
@@ -278,7 +357,11 @@ def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
 def test_slopes_of_a_pose_have_its_errors_in_a_fit_without_it() -> None:
     """Of a linear fit with priors; the third number is held at its bound."""
     rng, free = np.random.default_rng(0), np.array([True, True, False, True])
-    rows, y, prior = rng.normal(size=(7, 6, 4)) * [1, 1, 1, 9], rng.normal(size=(7, 6)), np.diag([0.1, 0.2, 0.3, 0.4])
+    rows, y, prior = (
+        rng.normal(size=(7, 6, 4)) * [1, 1, 1, 9],
+        rng.normal(size=(7, 6)),
+        np.diag([0.1, 0.2, 0.3, 0.4]),
+    )
     rows[3, :3] = y[3, :3] = 0.0  # not seen
 
     def best(poses: list[int]) -> np.ndarray:
@@ -306,7 +389,12 @@ def lines(robust: bool, whitening: np.ndarray | None = None) -> tuple[Lines, np.
     slopes, x = rng.normal(size=(12, 2, 3, 4)), np.array([-0.02, 0.3, 0.5, -0.7])
     measured = slopes @ x + 0.01 * rng.normal(size=(12, 2, 3))
     measured[4, 1], measured[7, 0, 2] = np.nan, measured[7, 0, 2] + 0.5
-    rows = [("compliance", 0.1, 1.0), ("compliance", 0.2, 0.05), ("frame", 0.0, np.inf), ("center", -0.5, 0.5)]
+    rows = [
+        ("compliance", 0.1, 1.0),
+        ("compliance", 0.2, 0.05),
+        ("frame", 0.0, np.inf),
+        ("center", -0.5, 0.5),
+    ]
     unknowns = [Unknown(kind, "", kind, (0,), start, sd) for kind, start, sd in rows]
     statics: Any = SimpleNamespace(
         rest=lambda x, near: SimpleNamespace(measured=slopes @ x, near=near),
@@ -336,7 +424,13 @@ def test_a_fit_minimizes_its_documented_objective(case: str) -> None:
         if case == "whitened":
             u, times = (
                 np.sqrt(
-                    np.array([(root[i] @ gaps(x)[i].ravel()) @ (root[i] @ gaps(x)[i].ravel()) for i in range(12)]) / 2
+                    np.array(
+                        [
+                            (root[i] @ gaps(x)[i].ravel()) @ (root[i] @ gaps(x)[i].ravel())
+                            for i in range(12)
+                        ]
+                    )
+                    / 2
                 ),
                 2,
             )
@@ -355,12 +449,22 @@ def test_a_fit_minimizes_its_documented_objective(case: str) -> None:
     mean = 1e3 * np.sqrt((gaps(start) ** 2).sum(axis=2))[seen].mean()
     assert told[0] == f"step 0: mean error {mean:.3f} mm" and len(told) < 12
     sure = accuracy_of(problem, found)
-    assert not sure.covariance[0].any() and not sure.covariance[:, 0].any() and not sure.pull[1:].any()
-    if case == "least squares":  # the objective is quadratic: where the compliance would be without a bound
-        H = np.einsum("nkai,nkaj->ij", slopes * seen[..., None, None], slopes) / found.scale**2 + np.diag(sd**-2.0)
-        right = np.einsum("nkai,nka->i", slopes, problem.measured * seen[..., None]) / found.scale**2 + sd**-2.0 * start
+    assert (
+        not sure.covariance[0].any() and not sure.covariance[:, 0].any() and not sure.pull[1:].any()
+    )
+    # the objective is quadratic: where the compliance would be without a bound
+    if case == "least squares":
+        H = np.einsum(
+            "nkai,nkaj->ij", slopes * seen[..., None, None], slopes
+        ) / found.scale**2 + np.diag(sd**-2.0)
+        right = (
+            np.einsum("nkai,nka->i", slopes, problem.measured * seen[..., None]) / found.scale**2
+            + sd**-2.0 * start
+        )
         inverse = np.linalg.inv(H)
-        assert_allclose(sure.pull[0], ((inverse @ right)[0] - 1e-4) / np.sqrt(inverse[0, 0]), rtol=1e-3)
+        assert_allclose(
+            sure.pull[0], ((inverse @ right)[0] - 1e-4) / np.sqrt(inverse[0, 0]), rtol=1e-3
+        )
 
 
 def test_a_fit_that_ends_early_has_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -368,7 +472,8 @@ def test_a_fit_that_ends_early_has_not_converged(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(fits, "STEPS", 1)
     assert not fit(problem, np.array([0.1, 0.2, 0.0, -0.5])).converged
     monkeypatch.setattr(fits, "STEPS", 0)
-    assert_allclose(fit(problem, np.array([-0.1, 0.2, 0.0, -0.5])).x, [1e-4, 0.2, 0.0, -0.5])  # from within the bounds
+    # from within the bounds
+    assert_allclose(fit(problem, np.array([-0.1, 0.2, 0.0, -0.5])).x, [1e-4, 0.2, 0.0, -0.5])
 
 
 def test_errors_of_a_small_robot_keep_their_scale() -> None:

@@ -60,7 +60,9 @@ class Array:
 @pytest.mark.parametrize("own", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
 def test_many_problems_share_what_they_do_not_have_of_their_own(own: tuple[int, int, int]) -> None:
     """Paths with their rates, parameters, and starts: each of them one, or one for each of seven problems."""
-    inverter = Made(_sizes={"n_t": 4, "n_y": 3, "n_a": 2}, _real=np.float64, _parameters=np.zeros(5))
+    inverter = Made(
+        _sizes={"n_t": 4, "n_y": 3, "n_a": 2}, _real=np.float64, _parameters=np.zeros(5)
+    )
     made: Any = object.__new__(inversion.CudaManyInverter)
     made._inverter = inverter
     path, parameters, start = ((7,) * each for each in own)
@@ -72,10 +74,16 @@ def test_many_problems_share_what_they_do_not_have_of_their_own(own: tuple[int, 
         "parameters": Array(*parameters, 5),
     }
     if not any(own):
-        with pytest.raises(ArgumentError, match="given one path, one q_start and one set of parameters, expected the"):
+        with pytest.raises(
+            ArgumentError,
+            match="given one path, one q_start and one set of parameters, expected the",
+        ):
             made._demand(given)
         return
-    assert made._demand(given) == (dict(zip(("own_path", "own_parameters", "own_q_start"), own, strict=True)), 7)
+    assert made._demand(given) == (
+        dict(zip(("own_path", "own_parameters", "own_q_start"), own, strict=True)),
+        7,
+    )
     none = (None,)
     assert given["y"].demanded == (*none * own[0], None, 4)
     assert given["dy"].demanded == given["ddy"].demanded == (*path, 50, 3)
@@ -83,7 +91,10 @@ def test_many_problems_share_what_they_do_not_have_of_their_own(own: tuple[int, 
     assert given["parameters"].demanded == (*none * own[1], 5)
     if own == (1, 1, 1):
         given["q_start"] = Array(6, 2)
-        with pytest.raises(ArgumentError, match="given 7 of y, 7 of dy, 7 of ddy, 6 of q_start, 7 of parameters, exp"):
+        with pytest.raises(
+            ArgumentError,
+            match="given 7 of y, 7 of dy, 7 of ddy, 6 of q_start, 7 of parameters, exp",
+        ):
             made._demand(given)
 
 
@@ -102,7 +113,9 @@ class Kernel:
     def run(self, call: ctypes.c_void_p, blocks: int, threads: int) -> None:
         self.grids.append((blocks, threads))
         n, q, p, y, flag = self.started[(call.value or 0) - 1]
-        columns = [np.frombuffer((ctypes.c_double * (2 * n)).from_address(x)).reshape(2, n) for x in (q, y)]
+        columns = [
+            np.frombuffer((ctypes.c_double * (2 * n)).from_address(x)).reshape(2, n) for x in (q, y)
+        ]
         p_0, *rest = np.frombuffer((ctypes.c_double * 3).from_address(p))
         columns[1][:] = p_0 * columns[0] + np.array(rest)[:, None]
         failed = ctypes.c_uint64.from_address(flag)
@@ -119,7 +132,10 @@ def gpu(monkeypatch: pytest.MonkeyPatch) -> FakeDriver:
 
 
 def function_on(card: driver.Card, kernel: Kernel, per_point: bool = False) -> CudaFunction:
-    inputs = Port("q", (2,), "rad", "angles"), Port("parameters", (3,), "mixed", "numbers of the model")
+    inputs = (
+        Port("q", (2,), "rad", "angles"),
+        Port("parameters", (3,), "mixed", "numbers of the model"),
+    )
     on_cpu: Any = Made(
         name="scaled",
         summary="",
@@ -129,7 +145,9 @@ def function_on(card: driver.Card, kernel: Kernel, per_point: bool = False) -> C
         _failures={-3: (SolverError, "no number")},
         _parameters=np.array([3.0, 0.5, -1.0]),
     )
-    (made,) = functions_of({"scaled": on_cpu}, card, np.dtype(float), lambda name: kernel, per_point).values()
+    (made,) = functions_of(
+        {"scaled": on_cpu}, card, np.dtype(float), lambda name: kernel, per_point
+    ).values()
     return made
 
 
@@ -176,21 +194,33 @@ def test_what_a_function_on_a_card_refuses(gpu: FakeDriver) -> None:
     half = DeviceArray(card, both._address + 8, (9, 2), (8, 72), np.dtype(float), None)
     first = DeviceArray(card, both._address, (9, 2), (8, 72), np.dtype(float), None)
     last = DeviceArray(card, both._address + 144, (9, 2), (8, 72), np.dtype(float), None)
-    assert_array_equal(scaled(first, out=last).numpy(), np.tile([0.5, -1.0], (9, 1)))  # next to each other
+    # next to each other
+    assert_array_equal(scaled(first, out=last).numpy(), np.tile([0.5, -1.0], (9, 1)))
     for x, out in ((given, given), (first, half), (half, first), (last, half)):
-        with pytest.raises(ArgumentError, match=r"^scaled, out, y: given memory of another array, expected memory of"):
+        with pytest.raises(
+            ArgumentError,
+            match=r"^scaled, out, y: given memory of another array, expected memory of",
+        ):
             scaled(x, out=out)
     for changes, text in (
         ({"out": (given, given)}, "scaled, out: given 2 arrays, expected one for each of y"),
-        ({"out": sent(card, np.zeros((8, 2)))}, r"scaled, out, y: given shape \(8, 2\), expected \(9, 2\)"),
-        ({"parameters": sent(card, np.zeros((9, 3)))}, r"scaled, parameters: given shape \(9, 3\), expected \(3\)"),
+        (
+            {"out": sent(card, np.zeros((8, 2)))},
+            r"scaled, out, y: given shape \(8, 2\), expected \(9, 2\)",
+        ),
+        (
+            {"parameters": sent(card, np.zeros((9, 3)))},
+            r"scaled, parameters: given shape \(9, 3\), expected \(3\)",
+        ),
         ({"check": 1}, "scaled, check: given 1, expected True or False"),
         ({"stream": -1}, "scaled, stream: given -1, expected a stream"),
     ):
         with pytest.raises(ArgumentError, match=text):
             scaled(given, **changes)
     each = function_on(card, kernel, per_point=True)
-    with pytest.raises(ArgumentError, match=r"scaled, parameters: given shape \(3,\), expected \(9, 3\)"):
+    with pytest.raises(
+        ArgumentError, match=r"scaled, parameters: given shape \(3,\), expected \(9, 3\)"
+    ):
         each(given)
     scaled.close("arm")
     with pytest.raises(ArgumentError, match=r"^arm: given a library that was closed"):
@@ -199,24 +229,39 @@ def test_what_a_function_on_a_card_refuses(gpu: FakeDriver) -> None:
 
 # --- whole inversions -------------------------------------------------------------------------------------------------
 class Problems(ctypes.Structure):
-    _fields_ = tuple((name, ctypes.c_int64) for name in ("count", "own_path", "own_parameters", "own_q_start"))
+    _fields_ = tuple(
+        (name, ctypes.c_int64) for name in ("count", "own_path", "own_parameters", "own_q_start")
+    )
 
 
 class Samples(ctypes.Structure):
-    _fields_ = ("n", ctypes.c_int64), ("period", ctypes.c_double), *((x, ctypes.c_void_p) for x in ("y", "dy", "ddy"))
+    _fields_ = (
+        ("n", ctypes.c_int64),
+        ("period", ctypes.c_double),
+        *((x, ctypes.c_void_p) for x in ("y", "dy", "ddy")),
+    )
 
 
 class Options(ctypes.Structure):
-    _fields_ = ("n_pre", ctypes.c_int), ("n_post", ctypes.c_int), ("samples_per_interval", ctypes.c_int)
+    _fields_ = (
+        ("n_pre", ctypes.c_int),
+        ("n_post", ctypes.c_int),
+        ("samples_per_interval", ctypes.c_int),
+    )
 
 
 class Motion(ctypes.Structure):
-    _fields_ = tuple((name, ctypes.c_void_p) for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"))
+    _fields_ = tuple(
+        (name, ctypes.c_void_p) for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
+    )
 
 
 class Info(ctypes.Structure):
     _fields_ = (
-        *((name, ctypes.c_double) for name in ("residual", "residual_at_samples", "kinematic_mismatch", "growth")),
+        *(
+            (name, ctypes.c_double)
+            for name in ("residual", "residual_at_samples", "kinematic_mismatch", "growth")
+        ),
         *((name, ctypes.c_int32) for name in ("iterations", "intervals", "n_post")),
     )
 
@@ -228,7 +273,16 @@ STRUCTS = {
     "motion": Motion,
     "invert_info": Info,
 }
-KINDS = (Problems, Samples, ctypes.c_void_p, ctypes.c_void_p, Options, Motion, ctypes.c_void_p, ctypes.c_void_p)
+KINDS = (
+    Problems,
+    Samples,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+    Options,
+    Motion,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+)
 
 
 class Solver:
@@ -250,11 +304,15 @@ class Solver:
 
     def run(self, call: ctypes.c_void_p, blocks: int, threads: int) -> None:
         self.grids.append((blocks, threads))
-        problems, samples, parameters, q_start, options, motion, info, status = self.started[(call.value or 0) - 1]
+        problems, samples, parameters, q_start, options, motion, info, status = self.started[
+            (call.value or 0) - 1
+        ]
         n, total = samples.n, samples.n + options.n_pre + options.n_post
 
         def numbers(address: int, *shape: int) -> np.ndarray:
-            return np.frombuffer((ctypes.c_double * int(np.prod(shape))).from_address(address)).reshape(shape)
+            return np.frombuffer(
+                (ctypes.c_double * int(np.prod(shape))).from_address(address)
+            ).reshape(shape)
 
         for k in range(problems.count):
             y, dy, ddy = (
@@ -265,7 +323,9 @@ class Solver:
             first = numbers(q_start.value, k * problems.own_q_start + 1)[-1]
             inside = slice(options.n_pre, options.n_pre + n)
             numbers(motion.tau_m, problems.count, total)[k] = first
-            numbers(motion.tau_m, problems.count, total)[k, inside] = factor * (y + dy * ddy) + first
+            numbers(motion.tau_m, problems.count, total)[k, inside] = (
+                factor * (y + dy * ddy) + first
+            )
             if motion.q_a:
                 numbers(motion.q_a, problems.count, total, 2)[k, inside] = -y[:, None]
             told = Info.from_address(info.value + k * ctypes.sizeof(Info))
@@ -273,7 +333,9 @@ class Solver:
             ctypes.c_int.from_address(status.value + k * ctypes.sizeof(ctypes.c_int)).value = -k
 
 
-def many(card: driver.Card, solver: Solver, asked: list[int], reals: int = 100) -> inversion.CudaManyInverter:
+def many(
+    card: driver.Card, solver: Solver, asked: list[int], reals: int = 100
+) -> inversion.CudaManyInverter:
     """Of a robot with one output, one motor and two coordinates, whose workspace has ``reals`` of a path of 5."""
     inverter: Any = Made(
         _sizes={"n_t": 1, "n_y": 1, "n_a": 1},
@@ -310,19 +372,31 @@ def test_many_problems_are_solved_by_one_kernel_with_their_own_numbers(gpu: Fake
     start = rows(card, [7.0])
     found = solve(*path, q_start=start, **common)
     assert_array_equal(found.tau_m.numpy()[:, 2:7], 2.0 * (y + dy * ddy) + 7.0)
-    assert found.tau_m.shape == (40, 10, 1) and found.q_a is None and (found.tau_m.numpy()[:, 7:] == 7.0).all()
+    assert (
+        found.tau_m.shape == (40, 10, 1)
+        and found.q_a is None
+        and (found.tau_m.numpy()[:, 7:] == 7.0).all()
+    )
     assert_array_equal(found.status, -np.arange(40))
     assert_array_equal(found.residual, 0.25 * np.arange(40))
     assert_array_equal(found.iterations, 3 + np.arange(40))
     assert (found.n_post == 3).all() and (found.n_pre, found.period) == (2, 0.25)
     assert found.sentence(1) == "not converged" and found.sentence(2) == "unknown status -2"
-    assert solver.grids == [(2, 32)] and asked == [104]  # 40 threads; an eighth of 64 more than 100 reals, at most
+    # 40 threads; an eighth of 64 more than 100 reals, at most
+    assert solver.grids == [(2, 32)] and asked == [104]
     shared, factors = [rows(card, x[0]) for x in (y, dy, ddy)], rows(card, [[1.0], [3.0]])
     stream = gpu.new_stream()
     found = solve.on(stream)(
-        *shared, q_start=rows(card, [[5.0], [6.0]]), parameters=factors, outputs=("tau_m", "q_a"), **common
+        *shared,
+        q_start=rows(card, [[5.0], [6.0]]),
+        parameters=factors,
+        outputs=("tau_m", "q_a"),
+        **common,
     )
-    expected = np.array([1.0, 3.0])[:, None, None] * (y + dy * ddy)[0] + np.array([5.0, 6.0])[:, None, None]
+    expected = (
+        np.array([1.0, 3.0])[:, None, None] * (y + dy * ddy)[0]
+        + np.array([5.0, 6.0])[:, None, None]
+    )
     assert_array_equal(found.tau_m.numpy()[:, 2:7], expected)
     assert_array_equal(found.q_a.numpy()[:, 2:7], np.tile(-y[0], (2, 1, 2)))
     assert gpu.launched[-1] == (0, stream.ptr) and solve._stream is None
@@ -343,18 +417,31 @@ def test_what_whole_inversions_on_a_card_refuse(gpu: FakeDriver) -> None:
     for changes, text in (
         ({"period": 0.0}, "invert_many, period: given 0, expected a number above 0, below 1e6 s"),
         ({"period": 1e6}, r"invert_many, period: given 1e\+06, expected"),
-        ({"outputs": "tau_m"}, "invert_many, outputs: given .tau_m., expected some of q_a, v_a, a_a, tau_g, q_m"),
+        (
+            {"outputs": "tau_m"},
+            "invert_many, outputs: given .tau_m., expected some of q_a, v_a, a_a, tau_g, q_m",
+        ),
         ({"outputs": ("tau",)}, r"invert_many, outputs: given \('tau',\), expected some of"),
-        ({"options": InversionOptions(workers=2)}, "invert_many, workers: given 2 on the card, expected None; "),
-        ({"options": InversionOptions(growth=True)}, "invert_many, growth: given True on the card, expected False; "),
-        ({"q_start": np.zeros(1)}, "invert_many, q_start: given ndarray on the CPU, expected an array on cuda:0"),
+        (
+            {"options": InversionOptions(workers=2)},
+            "invert_many, workers: given 2 on the card, expected None; ",
+        ),
+        (
+            {"options": InversionOptions(growth=True)},
+            "invert_many, growth: given True on the card, expected False; ",
+        ),
+        (
+            {"q_start": np.zeros(1)},
+            "invert_many, q_start: given ndarray on the CPU, expected an array on cuda:0",
+        ),
         ({"q_start": two}, "given 3 of y, 3 of dy, 3 of ddy, 2 of q_start, expected the same"),
     ):
         with pytest.raises(ArgumentError, match=text):
             solve(*path, **({"period": 0.25, "q_start": start} | changes))
     solve._inverter._parameters = np.zeros(0)
     with pytest.raises(
-        ArgumentError, match=r"^invert_many, parameters: given to a library without run-time parameters"
+        ArgumentError,
+        match=r"^invert_many, parameters: given to a library without run-time parameters",
     ):
         solve(*path, period=0.25, q_start=start, parameters=start)
     with pytest.raises(ArgumentError, match="invert_many, stream: given 'mine', expected a stream"):
@@ -362,5 +449,8 @@ def test_what_whole_inversions_on_a_card_refuse(gpu: FakeDriver) -> None:
     gpu.cuStreamSynchronize(0)
     assert gpu.free[0] == free and not solver.started and not asked
     solve._inverter._parameters = np.array([2.0])
-    assert len(solve(*path, period=999999.0, q_start=start, parameters=rows(card, np.ones((3, 1))))) == 3
+    assert (
+        len(solve(*path, period=999999.0, q_start=start, parameters=rows(card, np.ones((3, 1)))))
+        == 3
+    )
     assert asked == [36864]

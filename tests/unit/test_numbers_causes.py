@@ -42,7 +42,13 @@ def responses() -> Frf:
     C, UU = (x @ x.conj().swapaxes(-1, -2) for x in (A, B))
     numbers = {"periods": 5, "experiments": 3, "sample_s": 1e-3, "delay_s": 2e-3, "warnings": ()}
     numbers |= {"model": "arm", "motors": ("m1", "m2"), "sensors": ("a.x",), "orders": (1,)}
-    arrays = {"poses": np.zeros((2, 2)), "w": np.array([1.0, 2.0, 4.0]), "G": of(2, 3, 3, 2), "UU": UU, "C": C}
+    arrays = {
+        "poses": np.zeros((2, 2)),
+        "w": np.array([1.0, 2.0, 4.0]),
+        "G": of(2, 3, 3, 2),
+        "UU": UU,
+        "C": C,
+    }
     arrays |= {"variance": rng.uniform(1, 2, (2, 3, 3, 2)), "speed_sd": np.zeros((2, 2))}
     arrays |= {"total": rng.uniform(2, 3, (2, 3, 3, 2))}
     return Frf(**arrays, **numbers)  # type: ignore[arg-type]
@@ -64,7 +70,8 @@ def test_a_change_of_channels_is_one_of_responses_and_covariances() -> None:
     late = hypotheses.with_sample_time(data, 1.25)
     assert_allclose(late.w, data.w / 1.25)
     assert (late.sample_s, late.delay_s) == (1.25e-3, 2.5e-3)
-    assert_allclose(late.G, data.G / np.array([1.25**2, 1.25**2, 1.25])[:, None])  # accelerations, and a rate
+    # accelerations, and a rate
+    assert_allclose(late.G, data.G / np.array([1.25**2, 1.25**2, 1.25])[:, None])
 
 
 def test_all_faults_of_a_record_are_tried() -> None:
@@ -105,20 +112,27 @@ def test_all_faults_of_a_record_are_tried() -> None:
     for word, change in gross.items():
         assert_allclose(change.change(data, 1.0).G, names[word.replace(",", "")])
     assert gross["torques without hold"].change(data, 1.0).sample_s == 0.0
-    assert "torques without hold" not in [x.say(1.0) for x in hypotheses.changes_of(replace(data, sample_s=0.0))]
+    assert "torques without hold" not in [
+        x.say(1.0) for x in hypotheses.changes_of(replace(data, sample_s=0.0))
+    ]
 
 
 def test_faults_are_told_with_their_size_and_direction() -> None:
     say = hypotheses._say_change("payload", "heavier", "lighter")
     assert [say(x) for x in (1.2, 0.75)] == ["payload 20 % heavier", "payload 25 % lighter"]
-    assert hypotheses._say_recorded("torque", inverse=True)(0.8) == "torque 25 % too large in the record"
+    assert (
+        hypotheses._say_recorded("torque", inverse=True)(0.8)
+        == "torque 25 % too large in the record"
+    )
     assert hypotheses._say_delay(2.5e-3) == "torques that act 2.5 ms later than stated"
     assert hypotheses._say_delay(-1e-3) == "torques that act 1 ms earlier than stated"
     assert hypotheses._say_value("friction", 2.0, "N m")(0.25) == "friction of 0.5 N m"
     assert str(Cause("a wrong mass", 0.625, 1.0)) == "a wrong mass explains 62 % of the misfit"
 
 
-@pytest.mark.parametrize(("joint", "key", "factor"), [("rad", "pose_deg", math.pi / 180), ("rad", "pose_rad", 1.0)])
+@pytest.mark.parametrize(
+    ("joint", "key", "factor"), [("rad", "pose_deg", math.pi / 180), ("rad", "pose_rad", 1.0)]
+)
 def test_poses_of_recordings_have_the_unit_of_their_key(
     joint: str, key: str, factor: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +148,9 @@ def test_poses_of_recordings_have_the_unit_of_their_key(
     root = Made(number=lambda *_, **__: 0.2)
     record = Made(angles=angles)
     monkeypatch.setattr(
-        experiment_file, "read_description", lambda path: Made(root=Keys(root), model=model, recordings=[(record, 1)])
+        experiment_file,
+        "read_description",
+        lambda path: Made(root=Keys(root), model=model, recordings=[(record, 1)]),
     )
     monkeypatch.setattr(experiment_file, "_parts", lambda *given: given)
     monkeypatch.setattr(experiment_file, "_experiment", lambda found, poses: poses)
@@ -158,11 +174,17 @@ def test_an_angle_is_that_of_poses_only(pose: str) -> None:
     model = equations.model
     if pose == "tool_pose":
         equations = derive(replace(model, output=Output("tool_pose")))
-    q = np.array([[0.2, 0.3], [0.4, 0.5]]) if pose != "combination" else np.full((2, model.n_a), 0.3)
+    q = (
+        np.array([[0.2, 0.3], [0.4, 0.5]])
+        if pose != "combination"
+        else np.full((2, model.n_a), 0.3)
+    )
     forward, output = (equations.function(name) for name in ("forward_kinematics", "output"))
     y = np.array([np.array(output(x)).ravel() for x in q])
     R = np.array([np.array(forward(x)[1]) for x in q])
-    turn = np.array([[math.cos(0.1), -math.sin(0.1), 0.0], [math.sin(0.1), math.cos(0.1), 0.0], [0.0, 0.0, 1.0]])
+    turn = np.array(
+        [[math.cos(0.1), -math.sin(0.1), 0.0], [math.sin(0.1), math.cos(0.1), 0.0], [0.0, 0.0, 1.0]]
+    )
     reference = {"y_ref": y - 0.25, "R_ref": np.array([R[0], turn @ R[1]]).reshape(2, 9)}
     error, distance, angle = output_error(equations, reference, q)
     assert_allclose(error, 0.25)
@@ -185,7 +207,9 @@ def test_modes_of_a_beam_bend_in_their_direction() -> None:
 
 @pytest.mark.parametrize(("drives", "side"), [(1, "arm"), (1, "motor"), (2, "arm"), (2, "motor")])
 @pytest.mark.parametrize("kind", ["torque", "angle"])
-def test_channels_of_the_arm_are_those_of_motors_by_their_ratio(drives: int, side: str, kind: str) -> None:
+def test_channels_of_the_arm_are_those_of_motors_by_their_ratio(
+    drives: int, side: str, kind: str
+) -> None:
     """Torques over the ratio, angles times it; a motor of several joints has none."""
     motors = [Made(name="m1", drives=("q1", "q2")[:drives], ratio=(50.0, 2.0)[:drives])]
     entry = {"motor": "m1", "name": "x", "unit": "u", "side": side}
@@ -249,7 +273,9 @@ def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
     assert_allclose(model.units, [[3.0], [3.0], [0.3], [2.0]])
     for k in range(4):
         high, low = (model.response(1, x + s * h * np.eye(4)[k]) for s in (1, -1))
-        assert_allclose(model.derivative(1, x)[..., k], (high - low) / (2 * h), rtol=1e-5, atol=1e-8)
+        assert_allclose(
+            model.derivative(1, x)[..., k], (high - low) / (2 * h), rtol=1e-5, atol=1e-8
+        )
     G = model.response(1, x)
     loud = fit_changes(model, 1, G, np.full(G.shape, 1e12), x)
     assert_allclose(loud.x, 0.0, atol=1e-6)
@@ -261,7 +287,9 @@ def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
         away = (model.response(1, x) - G) / np.sqrt(variance + 1e-6 * np.abs(G) ** 2)
         return np.concatenate([away.real.ravel(), away.imag.ravel(), x / [2.0, 0.5, 0.5, 5.0]])
 
-    assert_allclose(found.x, least_squares(residual, np.zeros(4), xtol=1e-12).x, rtol=1e-3, atol=1e-4)
+    assert_allclose(
+        found.x, least_squares(residual, np.zeros(4), xtol=1e-12).x, rtol=1e-3, atol=1e-4
+    )
     assert found.distortion == 0.0
 
 
@@ -313,22 +341,38 @@ def test_a_factor_of_the_responses_is_fitted_with_the_numbers_and_its_prior() ->
             return float((np.abs(weight(x, False)[0]) ** 2).sum())
 
         def sums(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-            return cost(x), rows[:, :1].T @ weight(x, False)[0].real.ravel(), rows[:, :1].T @ rows[:, :1]
+            return (
+                cost(x),
+                rows[:, :1].T @ weight(x, False)[0].real.ravel(),
+                rows[:, :1].T @ rows[:, :1],
+            )
 
         vector = Made(start=start, prior_sd=sd, bounds=(np.array([-9.0]), np.array([9.0])))
-        return Made(data=data, vector=vector, count=1e-12, weight=weight, cost=cost, sums=sums, on=on)
+        return Made(
+            data=data, vector=vector, count=1e-12, weight=weight, cost=cost, sums=sums, on=on
+        )
 
     told: list[float] = []
-    change: Any = hypotheses.Changed(lambda data, factor: data * factor, lambda factor: told.append(factor) or "late")
+    change: Any = hypotheses.Changed(
+        lambda data, factor: data * factor, lambda factor: told.append(factor) or "late"
+    )
     cost, words, factor = explain.refit(on(1.0), change, np.array([2.5]))
     prior = np.diag(1 / np.array([0.6, explain.LARGEST_FACTOR]))
-    best = np.linalg.lstsq(np.vstack([rows, prior]), np.r_[target, prior @ [0.8, 0.0]], rcond=None)[0]
-    assert factor == pytest.approx(np.exp(best[1]), rel=1e-5) and words == "late" and told == [factor]
+    best = np.linalg.lstsq(np.vstack([rows, prior]), np.r_[target, prior @ [0.8, 0.0]], rcond=None)[
+        0
+    ]
+    assert (
+        factor == pytest.approx(np.exp(best[1]), rel=1e-5) and words == "late" and told == [factor]
+    )
     assert cost == pytest.approx(((rows @ best - target) ** 2).sum(), rel=1e-5)
     # a fault that is a whole one is not scaled: only the numbers are fitted, from where they began
-    gross: Any = hypotheses.Changed(lambda data, factor: data * 2.0 * factor, lambda factor: "swapped", gross=True)
+    gross: Any = hypotheses.Changed(
+        lambda data, factor: data * 2.0 * factor, lambda factor: "swapped", gross=True
+    )
     cost, words, factor = explain.refit(on(1.0), gross, np.array([2.5]))
     left = target - rows[:, 1] * np.log(2.0)
-    only = np.linalg.lstsq(np.vstack([rows[:, :1], prior[:1, :1]]), np.r_[left, 0.8 / 0.6], rcond=None)[0]
+    only = np.linalg.lstsq(
+        np.vstack([rows[:, :1], prior[:1, :1]]), np.r_[left, 0.8 / 0.6], rcond=None
+    )[0]
     assert (words, factor) == ("swapped", 1.0)
     assert cost == pytest.approx(((rows[:, :1] @ only - left) ** 2).sum(), rel=1e-5)

@@ -36,7 +36,11 @@ def test_numbers_of_a_checked_model_are_those_of_its_file() -> None:
     equations, q = derive(model), np.radians([30.0, -20.0])
     M = np.diag(np.array(equations.function("mass_matrix")(q)))
     G = np.abs(np.array(equations.function("gravity")(q)).ravel())
-    m, trace, length = np.array([339.12, 190.25]), np.array([88.67 + 88.67 + 7.5, 4.0 + 2 * 48.64]), 1.150 + 1.241
+    m, trace, length = (
+        np.array([339.12, 190.25]),
+        np.array([88.67 + 88.67 + 7.5, 4.0 + 2 * 48.64]),
+        1.150 + 1.241,
+    )
     K, D, ratio, rotor = (
         np.array([7.5189e6, 4.0999e6]),
         np.array([1400.0, 600.0]),
@@ -48,15 +52,19 @@ def test_numbers_of_a_checked_model_are_those_of_its_file() -> None:
     for k, (body, joint, motor) in enumerate((("upper", "q1", "m1"), ("fore", "q2", "m2"))):
         place, spring = f"element.{body}.body", f"element.{body}.dof.{joint}.gear"
         expected |= {
-            (f"{place}.mass", "inertia to that of a steel ball of this mass"): trace[k] / (3 * ball[k]),
-            (f"{place}.inertia", "inertia to mass times length of the arm squared"): trace[k] / (2 * m[k] * length**2),
+            (f"{place}.mass", "inertia to that of a steel ball of this mass"): trace[k]
+            / (3 * ball[k]),
+            (f"{place}.inertia", "inertia to mass times length of the arm squared"): trace[k]
+            / (2 * m[k] * length**2),
             (f"{place}.mass", "mass to that of all other bodies"): m[k] / m[1 - k],
             (f"motor.{motor}.ratio", "ratio of a rotation"): ratio[k],
             (f"motor.{motor}.inertia", "rotor inertia"): rotor,
-            (f"motor.{motor}.ratio", f"rotor inertia times ratio^2 to the inertia of the arm at {joint}"): rotor
-            * ratio[k] ** 2
-            / M[k],
-            (f"{spring}.spring.stiffness", "lowest mode of the spring"): np.sqrt(K[k] / M[k]) / (2 * np.pi),
+            (
+                f"motor.{motor}.ratio",
+                f"rotor inertia times ratio^2 to the inertia of the arm at {joint}",
+            ): rotor * ratio[k] ** 2 / M[k],
+            (f"{spring}.spring.stiffness", "lowest mode of the spring"): np.sqrt(K[k] / M[k])
+            / (2 * np.pi),
             (f"{spring}.spring.stiffness", "deflection by gravity at home"): G[k] / K[k],
             (f"{spring}.damping", "damping ratio of the spring"): D[k] / (2 * np.sqrt(K[k] * M[k])),
         }
@@ -64,7 +72,9 @@ def test_numbers_of_a_checked_model_are_those_of_its_file() -> None:
         ("motor.m1.speed_max", "motor speed"): 300.0,
         ("motor.m1.speed_max", "speed of q1 at the largest motor speed"): 300.0 / ratio[0],
         ("element.upper.dof.q1.speed_max", "joint speed"): 2.0,
-        ("motor.m1.torque_max", "torque of the motor to that of gravity at home"): 50.0 * ratio[0] / G[0],
+        ("motor.m1.torque_max", "torque of the motor to that of gravity at home"): 50.0
+        * ratio[0]
+        / G[0],
     }
     found = {
         (one.key, one.quantity): float(one.value.split()[0])
@@ -97,21 +107,35 @@ def test_numbers_are_marked_by_their_usual_range(value: float, mark: str, distan
     assert (found.mark, found.distance) == (mark, pytest.approx(distance))
     assert found.advice == ("" if mark == "ok" else "look") and found.usual == "2 to 20 m"
     assert (str(Usual(0.0, 3.0)), str(Usual(3.0, np.inf))) == ("at most 3", "at least 3")
-    assert Usual(0.0, 3.0).mark(0.5) == Usual(0.0, 3.0).mark(0.0) == "ok" and Usual(2.0, 3.0).mark(1e9) == "unusual"
+    assert (
+        Usual(0.0, 3.0).mark(0.5) == Usual(0.0, 3.0).mark(0.0) == "ok"
+        and Usual(2.0, 3.0).mark(1e9) == "unusual"
+    )
     assert Usual(0.0, 3.0).distance(-1.0) == 0.0 and Usual(0.0, 3.0).distance(np.inf) == 99.0
 
 
 def test_springs_of_translations_and_without_damping() -> None:
     joint: Any = Made(unit="m")
-    rows = {one.quantity: one for one in numbers._spring(joint, "gear", "low", (4e4, 400.0, 4.0, 2e-3))}
+    rows = {
+        one.quantity: one for one in numbers._spring(joint, "gear", "low", (4e4, 400.0, 4.0, 2e-3))
+    }
     assert rows["lowest mode of the spring"].value == f"{100 / (2 * np.pi):.4g} Hz"
     assert rows["deflection by gravity at home"].value == "0.002 m"
     assert rows["deflection by gravity at home"].usual == "at most 0.005 m"
-    assert rows["damping ratio of the spring"].value == "0.5" and rows["damping ratio of the spring"].mark == "unusual"
-    assert rows["damping ratio of the spring"].advice == "damping in N s/m on the side of the spring, or the stiffness"
+    assert (
+        rows["damping ratio of the spring"].value == "0.5"
+        and rows["damping ratio of the spring"].mark == "unusual"
+    )
+    assert (
+        rows["damping ratio of the spring"].advice
+        == "damping in N s/m on the side of the spring, or the stiffness"
+    )
     assert {one.key for one in rows.values()} == {"gear.spring.low", "gear.damping"}
     joint.unit = "rad"
-    rows = {one.quantity: one for one in numbers._spring(joint, "gear", "stiffness", (4e4, 800.0, 4.0, 0.0))}
+    rows = {
+        one.quantity: one
+        for one in numbers._spring(joint, "gear", "stiffness", (4e4, 800.0, 4.0, 0.0))
+    }
     assert set(rows) == {"lowest mode of the spring", "damping ratio of the spring, overdamped"}
     found = list(numbers._spring(joint, "gear", "stiffness", (4e4, 0.0, 4.0, 0.0)))[-1]
     assert (found.mark, found.value, found.usual) == ("unusual", "0: no damping", "0.001 to 0.4")
@@ -122,7 +146,10 @@ def test_real_poles_are_told_where_they_are_fast() -> None:
     poles = np.array([-5.0, -50.0, -51.0 + 1e-6j, -52.0 + 1e-3j, -53.0, -54.0, -55.0, -56.0, 60.0])
     found = numbers.report_overdamped(poles, 20.0)
     assert found.value == "-50, -51, -53, -54, -55, -56 1/s" and found.mark == "ok"
-    assert numbers.report_overdamped(np.append(poles, -57.0), 20.0).value == "-50, -51, -53, -54, -55, -56, ... 1/s"
+    assert (
+        numbers.report_overdamped(np.append(poles, -57.0), 20.0).value
+        == "-50, -51, -53, -54, -55, -56, ... 1/s"
+    )
     assert numbers.report_overdamped(poles, 60.0).value == "none"
 
 
@@ -134,7 +161,10 @@ def test_costs_and_bounds_of_a_discretized_motion() -> None:
     accelerations = np.arange(18, 18 + 30).reshape(2 * stages, 3)
     errors = np.arange(48, 58).reshape(2 * stages, 1)
     mesh: Any = Made(N=2, n=3, n_nodes=18, size=size, own=(accelerations, errors))
-    slow: Any = Made(ends=[np.array([1.0, 2.0]), np.array([3.0, 4.0])], torques=[np.array([5.0]), np.array([6.0])])
+    slow: Any = Made(
+        ends=[np.array([1.0, 2.0]), np.array([3.0, 4.0])],
+        torques=[np.array([5.0]), np.array([6.0])],
+    )
     for finite, rho in ((np.zeros(0, int), 1e-9), (np.array([0]), 1e-3)):
         bounds: Any = Made(finite=finite.tolist(), torque=np.array([8.0]))
         weight, aim = full_model._cost(model, mesh, slow, 0.5, bounds)
@@ -157,11 +187,15 @@ def test_costs_and_bounds_of_a_discretized_motion() -> None:
 
 # --- the derivative array ---------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("reach", [1.0, 0.5, 0.25, 0.125])
-def test_consistent_points_are_found_at_rising_speeds(reach: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_consistent_points_are_found_at_rising_speeds(
+    reach: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Steps are halved where one fails, down to an eighth; derivatives of order k scale as the speed to the power k."""
     asked: list[float] = []
 
-    def newton(series: Any, reference: Any, t: float, speed: float, start: np.ndarray, scales: Any) -> Any:
+    def newton(
+        series: Any, reference: Any, t: float, speed: float, start: np.ndarray, scales: Any
+    ) -> Any:
         asked.append(speed)
         if speed - (done[-1] if done else 0.0) > reach:
             return None
@@ -175,12 +209,18 @@ def test_consistent_points_are_found_at_rising_speeds(reach: float, monkeypatch:
     series: Any = Made(dae=None, scales=lambda point: "scales")
     out, scales = taylor_array.consistent(series, None, np.array([0.3]), 1)  # type: ignore[arg-type]
     assert_allclose(out[0, :, 0], [1.0, 2.0, 3.0])
-    assert done == pytest.approx(np.arange(1, round(1 / reach) + 1) * reach) and scales == ["scales"]
-    assert asked[: len(asked) - len(done) + 1] == [0.5**k for k in range(len(asked) - len(done) + 1)]
+    assert done == pytest.approx(np.arange(1, round(1 / reach) + 1) * reach) and scales == [
+        "scales"
+    ]
+    assert asked[: len(asked) - len(done) + 1] == [
+        0.5**k for k in range(len(asked) - len(done) + 1)
+    ]
 
 
 def test_a_path_without_consistent_points_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(taylor_array, "_gauss_newton", lambda *given: given[4] if given[3] <= 0.5 else None)
+    monkeypatch.setattr(
+        taylor_array, "_gauss_newton", lambda *given: given[4] if given[3] <= 0.5 else None
+    )
     monkeypatch.setattr(taylor_array, "_quasistatic_motion", lambda *given: np.ones((1, 3, 1)))
     series: Any = Made(dae=None, scales=lambda point: None)
     text = r"^derivative array of order 1 at t = 0\.3 s: no consistent point found beyond 0\.5 of the path's speed; try"
@@ -202,7 +242,9 @@ def test_files_of_several_moves_have_their_names() -> None:
     told: list[str] = []
     robot: Any = Made(n_a=full_largest() + 1)
     verbs._announce(Namespace(method="full"), robot, told.append)
-    assert told == [f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes seconds"]
+    assert told == [
+        f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes seconds"
+    ]
     verbs._announce(Namespace(method="lq"), robot, told.append)
     robot.n_a -= 1
     verbs._announce(Namespace(method="full"), robot, told.append)

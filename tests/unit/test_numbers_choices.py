@@ -22,7 +22,11 @@ from flexgen.memory.hysteresis_law import Hysteresis
 
 
 def layer(stiffness: float, slip: float) -> Layer:
-    return Layer(np.array([stiffness, 0.0]), np.array([slip, 0.0]), (Hysteresis(1.0, 1.0), Hysteresis(1.0, 1.0)))
+    return Layer(
+        np.array([stiffness, 0.0]),
+        np.array([slip, 0.0]),
+        (Hysteresis(1.0, 1.0), Hysteresis(1.0, 1.0)),
+    )
 
 
 def test_torques_of_elements_follow_a_motion_with_reversals() -> None:
@@ -37,7 +41,11 @@ def test_torques_of_elements_follow_a_motion_with_reversals() -> None:
             if change:
                 s = np.sign(change)
                 made = solve_ivp(
-                    lambda x, z, s=s, K=K, W=W: K * (s - z / W), (0, abs(change)), [z], rtol=1e-10, atol=1e-12
+                    lambda x, z, s=s, K=K, W=W: K * (s - z / W),
+                    (0, abs(change)),
+                    [z],
+                    rtol=1e-10,
+                    atol=1e-12,
                 )
                 z = float(made.y[0, -1])
             expected[k] += z
@@ -50,7 +58,9 @@ def test_before_a_reversal_an_element_is_its_tangent() -> None:
     """Where a search tries a deflection before it: value and slope continue."""
     one = layer(30.0, 4.0)
     s, z_r, none = np.array([1.0, 1.0]), np.array([-1.5, 0.0]), np.zeros(2)
-    (z, rise), (ahead, rise_ahead), (back, _) = (one.along(np.full(2, way), z_r, s, none) for way in (0.0, 1e-6, -1e-3))
+    (z, rise), (ahead, rise_ahead), (back, _) = (
+        one.along(np.full(2, way), z_r, s, none) for way in (0.0, 1e-6, -1e-3)
+    )
     slope = 30.0 * (1 + 1.5 / 4.0)
     assert z[0] == -1.5 and rise.tolist() == [pytest.approx(slope), 0.0]
     assert (ahead[0] - z[0]) / (1e-6 * 4.0 / 30.0) == pytest.approx(slope, rel=1e-5)
@@ -80,7 +90,8 @@ def test_a_mistake_that_explains_the_errors_is_named(monkeypatch: pytest.MonkeyP
     t = np.linspace(0.0, 8.0, n)
     terms = [np.sin(t)[:, None], np.cos(t)[:, None]]
     wrong, other = np.zeros((n, 2)), np.zeros((n, 2))
-    wrong[:, 0], other[:, 1] = np.sign(np.sin(3 * t)), np.cos(t)  # the second one is a term of the fit
+    # the second one is a term of the fit
+    wrong[:, 0], other[:, 1] = np.sign(np.sin(3 * t)), np.cos(t)
     columns = np.stack([other, wrong, 0.2 * rng.normal(size=(n, 2))], axis=2)
     names = [("a ratio times", 1.0), ("a torque times", 1.0), ("gravity more by", 0.0)]
     falling = np.zeros((n, 2, 4))
@@ -105,7 +116,8 @@ def test_a_mistake_that_explains_the_errors_is_named(monkeypatch: pytest.MonkeyP
     left = 0.3 * wrong[:, 0] + noise[:, 0]
     assert 0.9 < mistake.share <= 1 - (noise[:, 0] ** 2).sum() / (left**2).sum() + 0.05
     assert (
-        mistake.sentence == f"a torque times about 1.3 explains {100 * mistake.share:.0f} % of the errors of a motor."
+        mistake.sentence
+        == f"a torque times about 1.3 explains {100 * mistake.share:.0f} % of the errors of a motor."
     )
     assert found(noise) is None  # a small part of the errors
     assert found(0.01 * wrong + noise) is None
@@ -150,12 +162,15 @@ def test_controllers_by_name_file_or_object(monkeypatch: pytest.MonkeyPatch) -> 
     (notch,) = asked[-1][2]
     assert tuple(vars(notch).values()) == (4.56, 0.3, 0.9)
     lowest[0] = 0.0
-    with pytest.raises(ArgumentError, match="the model elbow has no elasticity, so no notch frequency; use ppi"):
+    with pytest.raises(
+        ArgumentError, match="the model elbow has no elasticity, so no notch frequency; use ppi"
+    ):
         made("ppi_notch")
     nothing, name = made("none")
     assert name == "feedforward only" and isinstance(nothing, named_controllers.FeedforwardOnly)
     with pytest.raises(
-        ArgumentError, match=r"controller: given 'pp', expected one of ppi, ppi_notch, none, .* a file \.t"
+        ArgumentError,
+        match=r"controller: given 'pp', expected one of ppi, ppi_notch, none, .* a file \.t",
     ):
         made("pp")
     own, name = made(Law())
@@ -167,6 +182,7 @@ def test_controllers_by_name_file_or_object(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(named_controllers, "names", lambda group: ("mine",))
     monkeypatch.setattr(named_controllers, "extension", lambda group, name: lambda gain: gain)
     with pytest.raises(
-        ArgumentError, match=r"given 'mine', which cannot be made without parameters .*give a file \.toml"
+        ArgumentError,
+        match=r"given 'mine', which cannot be made without parameters .*give a file \.toml",
     ):
         made("mine")

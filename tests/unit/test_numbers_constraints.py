@@ -23,7 +23,16 @@ class Phase:
     def __init__(self, model: Any, functions: Any = None, number: int = 0) -> None:
         self.equations = Made(model=model, function=lambda name: (functions or {})[name])
         self.number, self.bounds, self.rows = number, dict[str, Any](), dict[str, Any]()
-        self.sizes = {"tau_m": 2, "v_m": 2, "q_a": 2, "v_a": 2, "a_a": 2, "q_m": 2, "a_m": 2, "tool_velocity": 3}
+        self.sizes = {
+            "tau_m": 2,
+            "v_m": 2,
+            "q_a": 2,
+            "v_a": 2,
+            "a_a": 2,
+            "q_m": 2,
+            "a_m": 2,
+            "tool_velocity": 3,
+        }
         self.signals: dict[str, ca.SX] = {}
 
     def __getitem__(self, name: str) -> ca.SX:
@@ -41,19 +50,32 @@ class Phase:
         order = list(self.signals)
         function = ca.Function("value", [self.signals[x] for x in order], [ca.densify(value)])
         given = [
-            signals.get(x.partition("[")[0] if x not in signals else x, np.zeros(self.sizes.get(x, 1))) for x in order
+            signals.get(
+                x.partition("[")[0] if x not in signals else x, np.zeros(self.sizes.get(x, 1))
+            )
+            for x in order
         ]
         return np.array(function(*given)).ravel()
 
 
 def joint(name: str, **more: Any) -> Any:
-    fields = {"name": name, "speed_max": None, "acceleration_max": None, "lower": None, "upper": None}
+    fields = {
+        "name": name,
+        "speed_max": None,
+        "acceleration_max": None,
+        "lower": None,
+        "upper": None,
+    }
     return Made(name=name, dof=Made(**(fields | more)))
 
 
 def test_ranges_and_rates_of_joints_are_the_smaller_ones() -> None:
     """Of the file and of the limits that are given; without those of the file their ranges are none."""
-    coordinates = [joint("q1", lower=-1.0, upper=2.0, speed_max=3.0), joint("p"), joint("q2", acceleration_max=5.0)]
+    coordinates = [
+        joint("q1", lower=-1.0, upper=2.0, speed_max=3.0),
+        joint("p"),
+        joint("q2", acceleration_max=5.0),
+    ]
     model: Any = Made(coordinates=coordinates, i_g=(0, 2), n_g=2)
     given = {"joint_speed": np.array([2.0, 4.0]), "joint_acceleration": np.array([np.inf, 6.0])}
     kept: Any = Made(bounds=lambda name, n: given[name])
@@ -83,28 +105,43 @@ def test_torques_at_speeds_are_lines_in_four_quadrants() -> None:
             for part, inside in ((0.999, True), (1.001, False)):
                 torque = 0.8 * part * largest
                 found = phase.value(
-                    "torque of m1 at its speed", **{"tau_m[m1]": signs[0] * torque, "v_m[m1]": signs[1] * speed}
+                    "torque of m1 at its speed",
+                    **{"tau_m[m1]": signs[0] * torque, "v_m[m1]": signs[1] * speed},
                 )
                 assert bool((found <= high).all()) is inside
 
 
-def test_torques_of_gears_are_those_of_springs_or_of_the_motor(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torques_of_gears_are_those_of_springs_or_of_the_motor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of a rigid one the torque that the rotors and frictions leave; not where rotors turn with other bodies."""
     motors = [Made(inertia=0.1), Made(inertia=0.2)]
-    model: Any = Made(i_g=(0, 1), coordinates=[joint("q1"), joint("q2")], motors=motors, motor_coupling="simplified")
+    model: Any = Made(
+        i_g=(0, 1),
+        coordinates=[joint("q1"), joint("q2")],
+        motors=motors,
+        motor_coupling="simplified",
+    )
     model.eta = np.array([[10.0, 3.0], [0.0, 20.0]])
-    monkeypatch.setattr(model_limits, "gears", lambda model: [(Made(rigid=False), 1.0), (Made(rigid=True), 1.0)])
+    monkeypatch.setattr(
+        model_limits, "gears", lambda model: [(Made(rigid=False), 1.0), (Made(rigid=True), 1.0)]
+    )
     monkeypatch.setattr(model_limits, "motor_frictions", lambda equations, v_m, elastic: 2.0 * v_m)
     spring = {"gear_torque": lambda q_a, v_a, q_m, v_m: 7.0 * q_a + v_m}
     phase = Phase(model, spring)
     model_limits._bound_gears(phase, np.array([50.0, 60.0]))  # type: ignore[arg-type]
-    assert [phase.rows[f"gear torque of {name}"][0][1:] for name in ("q1", "q2")] == [(-50.0, 50.0), (-60.0, 60.0)]
+    assert [phase.rows[f"gear torque of {name}"][0][1:] for name in ("q1", "q2")] == [
+        (-50.0, 50.0),
+        (-60.0, 60.0),
+    ]
     state = {"q_a": [1.0, 2.0], "v_m": [0.5, 0.25], "tau_m": [4.0, 5.0], "a_m": [10.0, 20.0]}
     assert_allclose(phase.value("gear torque of q1", **state), [7.5])
     left = np.array([4.0 - 0.1 * 10.0 - 1.0, 5.0 - 0.2 * 20.0 - 0.5])
     assert_allclose(phase.value("gear torque of q2", **state), [np.array([3.0, 20.0]) @ left])
     model.motor_coupling = "complete"
-    with pytest.raises(ArgumentError, match="limits: given gear_torque of the rigid gear q2, expected tau_m bounds"):
+    with pytest.raises(
+        ArgumentError, match="limits: given gear_torque of the rigid gear q2, expected tau_m bounds"
+    ):
         model_limits._bound_gears(Phase(model, spring), np.array([50.0, 60.0]))  # type: ignore[arg-type]
     free = Phase(model, spring)
     model_limits._bound_gears(free, np.array([50.0, np.inf]))  # type: ignore[arg-type]
@@ -131,7 +168,8 @@ def test_effective_torques_cannot_be_limits_of_a_plan() -> None:
     """They are means over the motion."""
     phase: Any = Phase(Made())
     with pytest.raises(
-        ArgumentError, match="limits: given torque_rms, expected other kinds: effective torques are means"
+        ArgumentError,
+        match="limits: given torque_rms, expected other kinds: effective torques are means",
     ):
         model_limits.apply_limits(phase, Limits(torque_rms=(1.0, 1.0)), True)
 
@@ -143,7 +181,11 @@ def test_parameters_of_a_function_are_counted() -> None:
 
     def free(a: int, *more: int, b: int = 1, **named: int) -> None: ...
 
-    assert _parameters(plain) == 4 and _parameters(lambda: None) == 0 and _parameters(lambda self, x: None) == 2
+    assert (
+        _parameters(plain) == 4
+        and _parameters(lambda: None) == 0
+        and _parameters(lambda self, x: None) == 2
+    )
     assert _parameters(free) > 10
 
 
@@ -156,14 +198,21 @@ def test_bounds_of_limits_are_one_for_each_part() -> None:
     assert less == flexgen.Limits(reserve=0.25, deflection=(0.1,))
     with pytest.raises(ArgumentError) as caught:
         limits.bounds("tool_speed", 1)
-    assert str(caught.value).startswith("limits: given kind 'tool_speed', expected one of torque, speed, ")
-    with pytest.raises(ArgumentError, match=r"^limits: given kinds .*tau.*, expected fields of flexgen\.Limits$"):
+    assert str(caught.value).startswith(
+        "limits: given kind 'tool_speed', expected one of torque, speed, "
+    )
+    with pytest.raises(
+        ArgumentError, match=r"^limits: given kinds .*tau.*, expected fields of flexgen\.Limits$"
+    ):
         limits.without("torque", "tau")
     for size in (-1, 10**9):
-        with pytest.raises(ArgumentError, match=r"^limits, number of torque bounds: given .*, expected 0 to \d+$"):
+        with pytest.raises(
+            ArgumentError, match=r"^limits, number of torque bounds: given .*, expected 0 to \d+$"
+        ):
             limits.bounds("torque", size)
     for size in (1, 3):
         with pytest.raises(
-            ArgumentError, match=rf"^limits: given torque \(4\.0, 6\.0\), expected {size} positive numb"
+            ArgumentError,
+            match=rf"^limits: given torque \(4\.0, 6\.0\), expected {size} positive numb",
         ):
             limits.bounds("torque", size)

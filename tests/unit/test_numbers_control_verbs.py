@@ -60,15 +60,28 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_scores_of_several_controllers(asked: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(leaderboard, "find_shipped_controllers", lambda name, version: {"a": Path("a"), "b": Path("b")})
+    monkeypatch.setattr(
+        leaderboard,
+        "find_shipped_controllers",
+        lambda name, version: {"a": Path("a"), "b": Path("b")},
+    )
     said: list[str] = []
     given = {"scenario": "four_mass", "controller": ["all", "no"], "seed": 5}
     answer = verbs.score(arguments("score", **given), said.append)
     assert asked == [("four_mass", name, 5) for name in ("reference", "a", "b", "no")]
     assert said == [f"score: {name}" for name in ("reference", "a", "b", "no")]
     chosen = scenario_file.scenario("four_mass")
-    assert answer.problem == "" and answer.data["scores"] == [{"V": 2.0}, {"V": 1.0}, {"V": 0.0}, {"V": -1.0}]
-    assert [answer.data[key] for key in ("scenario", "version", "hash")] == ["four_mass", 2, chosen.digest]
+    assert answer.problem == "" and answer.data["scores"] == [
+        {"V": 2.0},
+        {"V": 1.0},
+        {"V": 0.0},
+        {"V": -1.0},
+    ]
+    assert [answer.data[key] for key in ("scenario", "version", "hash")] == [
+        "four_mass",
+        2,
+        chosen.digest,
+    ]
     lines = [line.split() for line in answer.text.splitlines()]
     first = next(k for k, line in enumerate(lines) if line[:2] == ["controller", "V"])
     assert lines[first][2:5] == ["worst", "draw", "spread"]
@@ -84,14 +97,18 @@ def test_refused_controllers_are_a_failure_where_no_other_is_left(asked: list[An
     del asked[:]
     given["controller"] = None
     answer = verbs.score(arguments("score", **given, report="r"), print)
-    assert asked == [("four_mass", "reference", 0)] and answer.text.endswith("\n\nwrote r/index.html")
+    assert asked == [("four_mass", "reference", 0)] and answer.text.endswith(
+        "\n\nwrote r/index.html"
+    )
     given["controller"] = ["a", "b"]
     with pytest.raises(ArgumentError) as refused:
         verbs.score(arguments("score", **given, report="r"), print)
     assert str(refused.value) == "--report: given 2 controllers, expected one"
 
 
-def test_controllers_that_come_with_a_benchmark(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_controllers_that_come_with_a_benchmark(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Those for a later version replace the first ones, and are not offered to a version before."""
     (tmp_path / "controllers").mkdir()
     for name in ("x-ppi", "x-2-ppi", "x-2-new", "x-3-newest", "y-other"):
@@ -112,12 +129,19 @@ FLAGS = (1, -1, 1)
 
 
 def configuration(**more: Any) -> Any:
-    own = {"q": np.array([0.5, -0.25]), "flags": FLAGS, "distance": 0.01234, "nearest_singularity": "elbow"}
+    own = {
+        "q": np.array([0.5, -0.25]),
+        "flags": FLAGS,
+        "distance": 0.01234,
+        "nearest_singularity": "elbow",
+    }
     own |= {"singular": False, "within_limits": True, "to_dict": lambda: {"q": [0.5, -0.25]}}
     return Made(**(own | more))
 
 
-def asked_for(monkeypatch: pytest.MonkeyPatch, found: list[Any], **given: Any) -> tuple[Any, list[Any]]:
+def asked_for(
+    monkeypatch: pytest.MonkeyPatch, found: list[Any], **given: Any
+) -> tuple[Any, list[Any]]:
     """The answer of the verb, and the arguments of the search behind it."""
     calls: list[Any] = []
 
@@ -126,7 +150,14 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, found: list[Any], **given: Any) -
         return found
 
     monkeypatch.setattr(search, "kinematics", kinematics)
-    names = {"command": None, "joints": None, "position": None, "rotation": None, "fixed": None, "sag": False}
+    names = {
+        "command": None,
+        "joints": None,
+        "position": None,
+        "rotation": None,
+        "fixed": None,
+        "sag": False,
+    }
     args = arguments("kinematics", model="elbow", **(names | given))
     args.given = list(given)
     return verbs.kinematics(args, lambda text: None), calls
@@ -135,23 +166,37 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, found: list[Any], **given: Any) -
 def test_configurations_of_a_position(monkeypatch: pytest.MonkeyPatch) -> None:
     """A rotation vector along z turns the tool about z; without one the axes of the tool are those of the world."""
     answer, calls = asked_for(
-        monkeypatch, [configuration()], position=[1.0, 2.0, 3.0], rotation=[0, 0, 0.5], fixed=[("q3", 0.5)], sag=True
+        monkeypatch,
+        [configuration()],
+        position=[1.0, 2.0, 3.0],
+        rotation=[0, 0, 0.5],
+        fixed=[("q3", 0.5)],
+        sag=True,
     )
     (name, position, rotation, fixed, sag) = calls[0]
     assert (name, fixed, sag) == ("elbow", {"q3": 0.5}, True)
     assert_allclose(position, [1, 2, 3], rtol=1e-15)
-    assert_allclose(rotation[:2, :2], [[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]], rtol=1e-14)
+    assert_allclose(
+        rotation[:2, :2], [[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]], rtol=1e-14
+    )
     assert answer.text.startswith("elbow: 1 configurations at ") and answer.problem == ""
-    assert answer.data["model"] == "elbow" and answer.data["configurations"] == [{"q": [0.5, -0.25]}]
+    assert answer.data["model"] == "elbow" and answer.data["configurations"] == [
+        {"q": [0.5, -0.25]}
+    ]
     answer, calls = asked_for(monkeypatch, [], position=[1.0, 2.0, 3.0])
     assert_allclose(calls[0][2], np.eye(3), atol=1e-15)
     assert calls[0][3:] == ({}, False) and answer.text == ""
-    assert answer.problem.startswith("the pose cannot be reached: ") and answer.data["configurations"] == []
+    assert (
+        answer.problem.startswith("the pose cannot be reached: ")
+        and answer.data["configurations"] == []
+    )
 
 
 def test_configurations_at_the_pose_of_joints(monkeypatch: pytest.MonkeyPatch) -> None:
     pose = ToolPose.of_vectors
-    monkeypatch.setattr(ToolPose, "of_joints", lambda model, q, log: pose([*q, 3.0], [0.0, 0.0, 0.0]))
+    monkeypatch.setattr(
+        ToolPose, "of_joints", lambda model, q, log: pose([*q, 3.0], [0.0, 0.0, 0.0])
+    )
     answer, calls = asked_for(monkeypatch, [configuration()] * 2, joints=[0.5, -0.25])
     assert_allclose(calls[0][1], [0.5, -0.25, 3.0])
     assert answer.text.startswith("elbow: 2 configurations at ")
@@ -160,28 +205,41 @@ def test_configurations_at_the_pose_of_joints(monkeypatch: pytest.MonkeyPatch) -
     for given in ({}, both):
         with pytest.raises(ArgumentError) as refused:
             asked_for(monkeypatch, [], **given)
-        assert str(refused.value) == "kinematics: expected either --joints or --position (and --rotation)"
+        assert (
+            str(refused.value)
+            == "kinematics: expected either --joints or --position (and --rotation)"
+        )
     for option, given in (
         ("--joints", {"joints": [0.0, 0.0], "rotation": [0.0, 0.0, 1.0]}),
         ("--command", {"command": [0.0, 0.0], "sag": True}),
     ):
-        with pytest.raises(ArgumentError, match=f"^{option}: given with --(rotation|sag), expected without"):
+        with pytest.raises(
+            ArgumentError, match=f"^{option}: given with --(rotation|sag), expected without"
+        ):
             asked_for(monkeypatch, [], **given)
 
 
 @pytest.mark.parametrize("sensors", [(), ("a", "b")])
-def test_trackers_at_rest_and_their_sag(monkeypatch: pytest.MonkeyPatch, sensors: tuple[str, ...]) -> None:
+def test_trackers_at_rest_and_their_sag(
+    monkeypatch: pytest.MonkeyPatch, sensors: tuple[str, ...]
+) -> None:
     """Positions in meters, the difference from a stiff robot in millimeters."""
     stiff = np.arange(6.0).reshape(2, 3)[: max(len(sensors), 1)]
     sag = np.full_like(stiff, [1e-3, 0.0, -2e-3])
     at = {True: stiff + sag, False: stiff}
     monkeypatch.setattr(forward, "tracker_positions", lambda model, q, sag=True: [at[sag]])
     own: Any = Made(
-        name="r", title="r@v", sensors=[Made(name=n, type="tracker") for n in sensors] + [Made(name="f", type="force")]
+        name="r",
+        title="r@v",
+        sensors=[Made(name=n, type="tracker") for n in sensors] + [Made(name="f", type="force")],
     )
     answer = verbs._command(own, [0.5, 0.25])
     names = list(sensors) or ["tool"]
-    assert answer.data["names"] == names and answer.data["command"] == [0.5, 0.25] and answer.data["model"] == "r"
+    assert (
+        answer.data["names"] == names
+        and answer.data["command"] == [0.5, 0.25]
+        and answer.data["model"] == "r"
+    )
     assert_allclose(answer.data["position_m"], stiff + sag, rtol=1e-15)
     assert_allclose(answer.data["sag_m"], sag, atol=1e-15)
     lines = answer.text.splitlines()
@@ -193,6 +251,18 @@ def test_configurations_as_a_table() -> None:
     robot = flexgen.read("elbow")
     singular = configuration(singular=True, within_limits=False, distance=0.5)
     lines = configurations_text(robot, [configuration(), singular]).splitlines()
-    assert lines[0].split("  ")[0].strip() == "q1, rad" and lines[0].endswith("singularity distance")
+    assert lines[0].split("  ")[0].strip() == "q1, rad" and lines[0].endswith(
+        "singularity distance"
+    )
     assert lines[-2].split() == ["0.5", "-0.25", "yes", "+1", "-1", "+1", "0.0123", "elbow"]
-    assert lines[-1].split() == ["0.5", "-0.25", "no", "+1", "-1", "+1", "0.5", "elbow,", "singular"]
+    assert lines[-1].split() == [
+        "0.5",
+        "-0.25",
+        "no",
+        "+1",
+        "-1",
+        "+1",
+        "0.5",
+        "elbow,",
+        "singular",
+    ]

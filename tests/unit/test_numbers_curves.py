@@ -55,13 +55,17 @@ def test_springs_of_mujoco_are_those_of_the_model(d: float) -> None:
         mujoco_forces._spring(tendons, "gear", spring, 7.0, {"q": 1.0})
         assert pull(tendons, d) == pytest.approx(np.sign(d) * torque, rel=1e-9, abs=1e-9)
         assert [x.get("damping") for x in tendons] == ["7", *[None] * (len(tendons) - 1)]
-        assert [x.get("name") for x in tendons] == ["gear", "gear.above", "gear.below"][: len(tendons)]
+        assert [x.get("name") for x in tendons] == ["gear", "gear.above", "gear.below"][
+            : len(tendons)
+        ]
 
 
 def test_rigid_drives_of_several_joints_have_tendons() -> None:
     def made(**changes: Any) -> list[ElementTree.Element]:
         friction = Made(viscous=0.3, coulomb=changes.pop("coulomb", 0.0))
-        drive: Any = Made(motor=Made(name="m", friction=friction, inertia=2e-3), turning=None, ratios={"q1": 5.0})
+        drive: Any = Made(
+            motor=Made(name="m", friction=friction, inertia=2e-3), turning=None, ratios={"q1": 5.0}
+        )
         vars(drive).update(changes)
         tendons = ElementTree.Element("tendon")
         mujoco_forces._rigid_drive(tendons, drive)
@@ -83,7 +87,9 @@ def test_rigid_drives_of_several_joints_have_tendons() -> None:
 
 # --- laws of speeds ---------------------------------------------------------------------------------------------------
 def trapezoid(law: SpeedLaw) -> list[tuple[float, float, float]]:
-    return [(phase.first, phase.last, phase.duration) for phase in law.phases if phase.duration > 1e-12]
+    return [
+        (phase.first, phase.last, phase.duration) for phase in law.phases if phase.duration > 1e-12
+    ]
 
 
 @pytest.mark.parametrize(
@@ -92,7 +98,11 @@ def trapezoid(law: SpeedLaw) -> list[tuple[float, float, float]]:
         ([3.0], [1.0], [(0, 1, 0.5), (1, 1, 2.5), (1, 0, 0.5)]),
         ([0.5], [1.0], [(0, 1, 0.5), (1, 0, 0.5)]),
         ([0.02], [1.0], [(0, 0.2, 0.1), (0.2, 0, 0.1)]),  # v^2 = a L
-        ([2.0, 2.0], [1.0, 2.0], [(0, 1, 0.5), (1, 1, 1.75), (1, 2, 0.5), (2, 2, 0.125), (2, 0, 1.0)]),
+        (
+            [2.0, 2.0],
+            [1.0, 2.0],
+            [(0, 1, 0.5), (1, 1, 1.75), (1, 2, 0.5), (2, 2, 0.125), (2, 0, 1.0)],
+        ),
         ([2.0, 0.09, 2.0], [9.0, 0.6, 9.0], None),
     ],
 )
@@ -100,14 +110,18 @@ def test_changes_of_speed_are_as_short_as_the_bounds_allow(
     lengths: list[float], speeds: list[float], expected: list[tuple[float, float, float]] | None
 ) -> None:
     """Trapezoids with an acceleration of 2 m/s^2."""
-    law = speed_law([Stretch(length, speed) for length, speed in zip(lengths, speeds, strict=True)], (9.0, 2.0))
+    law = speed_law(
+        [Stretch(length, speed) for length, speed in zip(lengths, speeds, strict=True)], (9.0, 2.0)
+    )
     if expected is not None:
         assert_allclose(trapezoid(law), expected, atol=1e-9)
     t = np.linspace(0.0, law.duration, 4001)
     s = law(t)
     assert law.length == pytest.approx(sum(lengths)) and s[-1, 0] == pytest.approx(sum(lengths))
     assert np.abs(s[:, 2]).max() <= 2.0 * (1 + 1e-9) and s[0, 1] == s[-1, 1] == 0.0
-    for begin, end, speed in zip(np.r_[0, np.cumsum(lengths)], np.cumsum(lengths), speeds, strict=False):
+    for begin, end, speed in zip(
+        np.r_[0, np.cumsum(lengths)], np.cumsum(lengths), speeds, strict=False
+    ):
         inside = (s[:, 0] >= begin) & (s[:, 0] <= end)
         assert s[inside, 1].max() <= speed * (1 + 1e-9)
     assert_allclose(np.gradient(s[:, 0], t)[2:-2], s[2:-2, 1], atol=2e-3)
@@ -131,7 +145,10 @@ def test_bounds_of_a_law_of_speeds_are_checked() -> None:
     ):
         with pytest.raises(ArgumentError, match=text):
             speed_law(stretches, bounds, smoothness)
-    assert speed_law(good, (1.0, 2.0), 9).smoothness == 9 and speed_law(good, (1.0, 2.0, 3.0)).smoothness == 2
+    assert (
+        speed_law(good, (1.0, 2.0), 9).smoothness == 9
+        and speed_law(good, (1.0, 2.0, 3.0)).smoothness == 2
+    )
 
 
 # --- curves through samples -------------------------------------------------------------------------------------------
@@ -154,8 +171,11 @@ def test_a_curve_through_samples_with_times_rests_at_its_ends(degree: int) -> No
     x, attitude = curve(jet(s))
     assert attitude is None
     for k in range(6):
-        assert_allclose(x[:, :, k], spline.derivative(k)(s + 2.0) if k else spline(s + 2.0), atol=1e-7 * 20**k)
-    assert_allclose(curve.breaks, np.unique(spline.t) - 2.0 if degree == 5 else [])  # where derivative 5 jumps
+        assert_allclose(
+            x[:, :, k], spline.derivative(k)(s + 2.0) if k else spline(s + 2.0), atol=1e-7 * 20**k
+        )
+    # where derivative 5 jumps
+    assert_allclose(curve.breaks, np.unique(spline.t) - 2.0 if degree == 5 else [])
 
 
 def test_a_curve_through_samples_without_times_has_arc_length() -> None:
@@ -173,7 +193,8 @@ def test_a_curve_through_samples_without_times_has_arc_length() -> None:
     x, attitude = curve(jet(s))
     assert_allclose(np.linalg.norm(x[:, :, 1], axis=1), 1.0, atol=1e-9)
     assert_allclose((x[:, :, 1] * x[:, :, 2]).sum(axis=1), 0.0, atol=1e-6)
-    assert_allclose(np.linalg.norm(x[1:-1, :, 2], axis=1), 1.0 / (1 + 0.3**2), atol=0.05)  # curvature of a helix
+    # curvature of a helix
+    assert_allclose(np.linalg.norm(x[1:-1, :, 2], axis=1), 1.0 / (1 + 0.3**2), atol=0.05)
     assert attitude is not None and (attitude[0] == np.eye(3)).all() and not attitude[1].any()
 
 
@@ -193,11 +214,17 @@ def test_a_curve_that_only_turns_has_the_angle_times_the_radius_as_length() -> N
 
 def test_samples_that_turn_back_or_begin_in_motion_are_told() -> None:
     x = np.array([0.0, 1.0, 2.0, 3.0, 2.5, 2.0, 1.5, 1.0])
-    with pytest.raises(ArgumentError, match=r"^samples: given a path that stops or reverses near sample \d, exp"):
+    with pytest.raises(
+        ArgumentError, match=r"^samples: given a path that stops or reverses near sample \d, exp"
+    ):
         SplineCurve(Samples("output", x[:, None], None, None, False), 5, 1.0)
     t = np.linspace(0.0, 2.0, 60)
     moving = SplineCurve(Samples("output", t[:, None] ** 2, None, t, True), 5, 1.0)
-    text = "its samples end at 100 % of their largest speed, the path at rest: add samples until rest"
+    text = (
+        "its samples end at 100 % of their largest speed, the path at rest: add samples until rest"
+    )
     assert moving.in_motion == (text,)
-    still = SplineCurve(Samples("output", (1 - np.cos(np.pi * t / 2))[:, None], None, t, True), 5, 1.0)
+    still = SplineCurve(
+        Samples("output", (1 - np.cos(np.pi * t / 2))[:, None], None, t, True), 5, 1.0
+    )
     assert still.in_motion == ()

@@ -24,7 +24,9 @@ from flexgen.performance import payload
 from flexgen.recursion import column_functions
 
 
-def with_array(monkeypatch: pytest.MonkeyPatch, M: np.ndarray, N: np.ndarray, corank: int) -> StrangenessFree:
+def with_array(
+    monkeypatch: pytest.MonkeyPatch, M: np.ndarray, N: np.ndarray, corank: int
+) -> StrangenessFree:
     """Two unknowns and an array of order one with these Jacobians."""
     made = object.__new__(StrangenessFree)
     made.n, made.mu = 2, 1
@@ -35,13 +37,17 @@ def with_array(monkeypatch: pytest.MonkeyPatch, M: np.ndarray, N: np.ndarray, co
 
 
 @pytest.mark.parametrize(("small", "clear"), [(0.0, True), (4.97e-2, True), (5.03e-2, False)])
-def test_ranks_are_clear_from_a_gap_of_a_hundred_on(small: float, clear: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ranks_are_clear_from_a_gap_of_a_hundred_on(
+    small: float, clear: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The part of the array that is left has no derivatives; the others are those that it reaches."""
     rng = np.random.default_rng(4)
     M, N = np.diag([9.0, 7.0, 5.0, small])[:, [2, 0, 3, 1]], rng.normal(size=(4, 2))
     made = with_array(monkeypatch, M, N, 1)
     if not clear:
-        with pytest.raises(SolverError, match="the rank of the derivative array changes on the path, at a singular"):
+        with pytest.raises(
+            SolverError, match="the rank of the derivative array changes on the path, at a singular"
+        ):
             made.split(np.zeros((2, 3)), np.zeros((1, 2)))
         return
     split = made.split(np.zeros((2, 3)), np.zeros((1, 2)))
@@ -49,7 +55,9 @@ def test_ranks_are_clear_from_a_gap_of_a_hundred_on(small: float, clear: bool, m
     assert_allclose(split.Z2.T @ M, [[0.0, 0.0, small, 0.0]] * np.sign(split.Z2[3]), atol=1e-12)
     assert_allclose(split.Z2.T @ N @ split.T2, 0.0, atol=1e-12)
     assert_allclose(split.Z1 @ split.Z1.T @ M[:2, :2] @ split.T2, M[:2, :2] @ split.T2, atol=1e-12)
-    assert split.T2.shape == split.Z1.shape == (2, 1) and np.linalg.norm(split.T2) == pytest.approx(1.0)
+    assert split.T2.shape == split.Z1.shape == (2, 1) and np.linalg.norm(split.T2) == pytest.approx(
+        1.0
+    )
     rows = rng.normal(size=4)
     left = split.factors[0].T @ (rows + M @ split.solve(rows))
     assert_allclose(left, 0.0, atol=1e-12)
@@ -60,7 +68,8 @@ def test_ranks_are_clear_from_a_gap_of_a_hundred_on(small: float, clear: bool, m
     [
         ([9.0, 7.0, 5.0, 4e-9], [0, 0, 0, 1.0], (1, 1, 5.0 / 4e-9)),
         ([9.0, 7.0, 5.0, 5.0], [0, 0, 0, 1.0], (0, 2, np.inf)),
-        ([9.0, 7.0, 5.0, 1e-8], [0, 0, 0, 1.0], (0, 2, np.inf)),  # above 1e-9 of the largest: no zero
+        # above 1e-9 of the largest: no zero
+        ([9.0, 7.0, 5.0, 1e-8], [0, 0, 0, 1.0], (0, 2, np.inf)),
         ([9.0, 7.0, 0.8e-6, 8.9e-9], [0, 0, 0, 1.0], None),  # a gap of 90
         ([9.0, 7.0, 0.91e-6, 8.9e-9], [0, 0, 0, 1.0], (1, 1, 0.91e-6 / 8.9e-9)),
         ([9.0, 7.0, 5.0, 0.0], [0, 0, 0, 0.0], None),  # a constraint of nothing
@@ -87,7 +96,9 @@ class Steps:
     scale_y: ClassVar[np.ndarray] = np.array([2.0])
     tau_0: ClassVar[np.ndarray] = np.array([4.0])
 
-    def __init__(self, sizes: list[float], violation: Any = lambda y: 0.0, torque: float = 0.0) -> None:
+    def __init__(
+        self, sizes: list[float], violation: Any = lambda y: 0.0, torque: float = 0.0
+    ) -> None:
         self.sizes, self.of, self.torque, self.trials = sizes, violation, torque, list[float]()
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +122,9 @@ def discretize(system: Steps, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, lis
     return discretized.discretize(problem, 0.1, 4, 0.0, 0.0), told
 
 
-def test_steps_of_a_discretized_motion_are_halved_where_they_shrink_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_of_a_discretized_motion_are_halved_where_they_shrink_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """From 0.7 of the step before on; then doubled up to whole ones, until a step is below 1e-9."""
     sizes = [1.0, 0.71, 0.72, 0.5, 0.3, 0.2, 0.9e-9]
     lengths = [1.0, 0.5, 0.25, 0.5, 1.0, 1.0, 1.0]
@@ -136,7 +149,9 @@ def test_a_step_that_makes_the_residual_worse_is_halved(monkeypatch: pytest.Monk
     assert system.trials[12] == pytest.approx(2.0 / 1024 + 2e-9)
 
 
-def test_a_discretized_motion_ends_with_small_torques_or_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_discretized_motion_ends_with_small_torques_or_refuses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Steps of torques are over those of the robot: 1e-5 of them ends; what is not finite ends at once."""
     assert discretize(Steps([1e-9] * 40, torque=4e-5), monkeypatch)[0][2] == 1
     text = "no convergence in 40 steps, the last one 1.0e-09 rad or m and 1.1e-05 of the torque, residual 0.0e+00; try"
@@ -146,7 +161,9 @@ def test_a_discretized_motion_ends_with_small_torques_or_refuses(monkeypatch: py
         discretize(Steps([1.0] * 40, lambda y: np.nan), monkeypatch)
 
 
-def test_loops_are_used_where_they_need_less_than_six_tenths(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loops_are_used_where_they_need_less_than_six_tenths(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of the operations of one expression for each entry of the mass matrix."""
     steps, at = ["steps"], {"chain": "chain", "direct": "direct", "cost": 59.9}
     monkeypatch.setattr(column_functions, "long_chain", lambda equations: at["chain"])
@@ -185,9 +202,16 @@ def test_points_of_the_base_and_of_the_first_node() -> None:
 def test_stiffness_at_rest_is_that_of_small_deflections() -> None:
     """Of springs without motor whose stiffness rises, by their numbers in the torques."""
     q, p = ca.SX.sym("q", 3), ca.SX.sym("v", 3)
-    torque = ca.Function("elastic_torque", [q, p], [ca.vertcat(-(30 * q[1] + 9 * q[1] ** 3), -(7 * q[2] + q[2] ** 3))])
+    torque = ca.Function(
+        "elastic_torque",
+        [q, p],
+        [ca.vertcat(-(30 * q[1] + 9 * q[1] ** 3), -(7 * q[2] + q[2] ** 3))],
+    )
     made: Any = object.__new__(payload._Estimate)
-    made.robot, made.nominal = Made(n_a=3, i_e=(1, 2)), Made(function=lambda name: {"elastic_torque": torque}[name])
+    made.robot, made.nominal = (
+        Made(n_a=3, i_e=(1, 2)),
+        Made(function=lambda name: {"elastic_torque": torque}[name]),
+    )
     assert_allclose(made._stiffness(), [30.0, 7.0], rtol=1e-9)
 
 
@@ -214,7 +238,13 @@ def test_the_first_errors_of_a_program_are_told() -> None:
 
 def failed(status: Status, **more: Any) -> Any:
     """A solution that cannot be used; by default its simulation deviates."""
-    fields: dict[str, Any] = {"stopped": "", "warnings": (), "method": "lq", "model": None, "trajectory": None}
+    fields: dict[str, Any] = {
+        "stopped": "",
+        "warnings": (),
+        "method": "lq",
+        "model": None,
+        "trajectory": None,
+    }
     fields |= {"simulation": Made(energy_error=1e-9, feedback=None), "residual_relative": 2e-3}
     fields |= {"tool_error_max_m": 2e-3, "tool_error_max_rad": None}
     fields |= {"plan_error_max": None, "plan_error_max_m": 3e-3, "plan_error_max_rad": None}
@@ -224,11 +254,15 @@ def failed(status: Status, **more: Any) -> Any:
 def test_what_a_solution_misses_is_told_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first reason that holds, of a search that ended, the energy, the equations, and the output."""
     status, told = Status.TOLERANCE_NOT_MET, problem_text.problem_of
-    monkeypatch.setattr(problem_text, "residual_is_small", lambda solution: solution.residual_relative < 1e-3)
+    monkeypatch.setattr(
+        problem_text, "residual_is_small", lambda solution: solution.residual_relative < 1e-3
+    )
     assert told(failed(Status.SOLVED), 1e-4) == ""
     end = "; the trajectory is the best so far"
     assert told(failed(status, stopped="time is over"), 1e-4) == f"{status}: time is over{end}"
-    warned = failed(status, warnings=("a", "b makes the output deviate", "c makes the output deviate"))
+    warned = failed(
+        status, warnings=("a", "b makes the output deviate", "c makes the output deviate")
+    )
     assert told(warned, 1e-4) == f"{status}: b makes the output deviate"
     deviates = f"{status}: the simulated output deviates from the "
     of_path = f"{deviates}path by 2 mm, more than the accuracy 0.0001; give the move more time or "
@@ -241,23 +275,45 @@ def test_what_a_solution_misses_is_told_with_advice(monkeypatch: pytest.MonkeyPa
             f"{deviates}plan by 3 mm, more than the accuracy 0.0001; loosen the limits, give the",
         ),
         ({"simulation": Made(energy_error=problem_text.ENERGY, feedback=None)}, of_path),
-        ({"simulation": Made(energy_error=1.01 * problem_text.ENERGY, feedback=None)}, f"{status}: the energy balance"),
-        ({"simulation": Made(energy_error=0.0, feedback=1)}, f"{status}: the torques do not satisfy the equations of"),
+        (
+            {"simulation": Made(energy_error=1.01 * problem_text.ENERGY, feedback=None)},
+            f"{status}: the energy balance",
+        ),
+        (
+            {"simulation": Made(energy_error=0.0, feedback=1)},
+            f"{status}: the torques do not satisfy the equations of",
+        ),
         ({"simulation": Made(energy_error=0.0, feedback=1), "residual_relative": 1e-4}, of_path),
     ):
         assert told(failed(status, **more), 1e-4).startswith(expected)
 
 
-def test_limits_that_a_solution_exceeds_are_told_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_that_a_solution_exceeds_are_told_with_advice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """More time helps where a speed or a torque exceeds its limit, and not where a range is left."""
-    status, lines = Status.LIMITS_EXCEEDED, ["m1 exceeds its limit", "q1 leaves its range", "q2 leaves its range"]
-    time, study = "give the move more time, or keep torques and speeds with --limits", "for studies use --ignore-limits"
+    status, lines = (
+        Status.LIMITS_EXCEEDED,
+        ["m1 exceeds its limit", "q1 leaves its range", "q2 leaves its range"],
+    )
+    time, study = (
+        "give the move more time, or keep torques and speeds with --limits",
+        "for studies use --ignore-limits",
+    )
     other = "choose another target or path: more time does not help beyond a range"
     for shown, warnings, text in (
         (lines[:1], (), f"{lines[0]}; {time}; {study}"),
         (lines[:2], (), f"{lines[0]}, and 1 more (see the warnings); {other}; {time}; {study}"),
         (lines[1:], (), f"{lines[1]}, and 1 more (see the warnings); {other}; {study}"),
-        ([], ("a", "the stream exceeds its limit"), f"the stream exceeds its limit; {time}; {study}"),
+        (
+            [],
+            ("a", "the stream exceeds its limit"),
+            f"the stream exceeds its limit; {time}; {study}",
+        ),
     ):
-        monkeypatch.setattr(problem_text, "limit_warnings", lambda model, trajectory, shown=shown: tuple(shown))
-        assert problem_text.problem_of(failed(status, warnings=warnings), 1e-4) == f"{status}: {text}"
+        monkeypatch.setattr(
+            problem_text, "limit_warnings", lambda model, trajectory, shown=shown: tuple(shown)
+        )
+        assert (
+            problem_text.problem_of(failed(status, warnings=warnings), 1e-4) == f"{status}: {text}"
+        )

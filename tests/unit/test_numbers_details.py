@@ -21,9 +21,20 @@ from flexgen.mechanics.equations import derive
 
 
 @pytest.mark.parametrize(
-    ("rate", "step"), [(0.0, None), (1e-9, None), (260.0, 2e-3), (410.0, 1e-3), (999.0, 5e-4), (1.0, None), (4e6, 1e-7)]
+    ("rate", "step"),
+    [
+        (0.0, None),
+        (1e-9, None),
+        (260.0, 2e-3),
+        (410.0, 1e-3),
+        (999.0, 5e-4),
+        (1.0, None),
+        (4e6, 1e-7),
+    ],
 )
-def test_a_time_step_is_a_round_number_below_the_bound(rate: float, step: float | None, monkeypatch: Any) -> None:
+def test_a_time_step_is_a_round_number_below_the_bound(
+    rate: float, step: float | None, monkeypatch: Any
+) -> None:
     """1, 2 or 5 times a power of ten, as large as it can be; slow robots have the largest one."""
     monkeypatch.setattr(mujoco, "linearize", lambda equations, rest: None)
     monkeypatch.setattr(mujoco, "poles", lambda found: np.array([-rate + 0j, 1j * rate / 2]))
@@ -33,14 +44,20 @@ def test_a_time_step_is_a_round_number_below_the_bound(rate: float, step: float 
     assert found == pytest.approx(max(x for x in rounds if x <= longest * (1 + 1e-9)), rel=1e-12)
     assert mujoco._step(None, None) == mujoco.STEP_MAX / 10  # type: ignore[arg-type]
     for exact in (1e-3, 2e-3, 5e-4):  # of a bound that is a round number itself
-        monkeypatch.setattr(mujoco, "poles", lambda found, exact=exact: np.array([mujoco.STEP / exact]))
+        monkeypatch.setattr(
+            mujoco, "poles", lambda found, exact=exact: np.array([mujoco.STEP / exact])
+        )
         assert mujoco._step(None, "rest") == pytest.approx(min(exact, mujoco.STEP_MAX))  # type: ignore[arg-type]
     assert step is None or found <= mujoco.STEP_MAX
 
 
 def test_an_inertia_lacks_what_its_largest_moment_exceeds() -> None:
     R = Rotation.random(random_state=2).as_matrix()
-    for moments, lacks in (((1.0, 2.0, 3.5), 0.5), ((1.0, 2.0, 2.5), -0.5), ((-0.25, 1.0, 1.0), 0.25)):
+    for moments, lacks in (
+        ((1.0, 2.0, 3.5), 0.5),
+        ((1.0, 2.0, 2.5), -0.5),
+        ((-0.25, 1.0, 1.0), 0.25),
+    ):
         assert mujoco_inertia.missing(R @ np.diag(moments) @ R.T) == pytest.approx(lacks)
     axis = np.array([0.6, 0.0, 0.8])
     assert_allclose(mujoco_inertia.free_directions([axis, -axis]), np.eye(3) - np.outer(axis, axis))
@@ -82,12 +99,18 @@ def test_principal_axes_are_a_rotation_far_from_the_identity() -> None:
     assert moments.tolist() == [3.0, 2.0, 1.0] and np.array_equal(axes, np.eye(3))
 
 
-def test_names_that_urdf_cannot_have_are_named_with_their_table(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_that_urdf_cannot_have_are_named_with_their_table(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of elements, then of their degrees of freedom and of motors."""
     model = flexgen.read("elbow")
     for name, key in (("upper", "element.name"), ("q2", "dof.name"), ("m2", "motor.name")):
-        monkeypatch.setattr(urdf, "identifier_problem", lambda given, name=name: "another" if given == name else "")
-        with pytest.raises(ModelError, match=rf"{key}: given .*{name}.*, expected another") as caught:
+        monkeypatch.setattr(
+            urdf, "identifier_problem", lambda given, name=name: "another" if given == name else ""
+        )
+        with pytest.raises(
+            ModelError, match=rf"{key}: given .*{name}.*, expected another"
+        ) as caught:
             urdf._steps(model)
         assert (caught.value.line, caught.value.key) == (0, key)
     monkeypatch.setattr(urdf, "identifier_problem", lambda given: "")
@@ -102,13 +125,22 @@ def test_states_of_a_plant_are_numbered_one_after_the_other(elements: Any) -> No
     found = plant._states(model, plant._graphs(equations), np.arange(20.0))
     states = [v for v in found if not v.name.startswith("der(")]
     rates = [v for v in found if v.name.startswith("der(")]
-    assert [v.index for v in states] == list(range(8 + 2 * len(elements))) == [v.index for v in rates]
+    assert (
+        [v.index for v in states] == list(range(8 + 2 * len(elements))) == [v.index for v in rates]
+    )
     names = ["arm.q1.position", "arm.q2.position", "rotor.m1.angle", "rotor.m2.angle"]
-    assert [v.name for v in states[:4]] == names and [v.start for v in states[:4]] == [0.0, 1.0, 2.0, 3.0]
+    assert [v.name for v in states[:4]] == names and [v.start for v in states[:4]] == [
+        0.0,
+        1.0,
+        2.0,
+        3.0,
+    ]
     speeds = ["arm.q1.speed", "arm.q2.speed", "rotor.m1.speed", "rotor.m2.speed"]
     assert [v.name for v in states[4:8]] == speeds
     number = ["[1]", "[2]", "[3]"] if len(elements) > 1 else [""]
-    assert [v.name for v in states[8:]] == [f"gear.{q}.hysteresis{k}" for k in number for q in ("q1", "q2")]
+    assert [v.name for v in states[8:]] == [
+        f"gear.{q}.hysteresis{k}" for k in number for q in ("q1", "q2")
+    ]
     assert [v.name for v in rates] == [f"der({v.name})" for v in states]
     assert [v.unit for v in rates[3:5]] == ["rad/s", "rad/s2"] and rates[8].unit == "N.m/s"
 
@@ -141,7 +173,12 @@ def test_signals_are_read_their_delay_later() -> None:
 def test_units_of_unknowns() -> None:
     """Logarithms by one, the delay by a sample, others by their size, a thousandth at least."""
     made: Any = object.__new__(motion_fit._Shooting)
-    rows = (("log", "a", 5.0), ("linear", motion_fit.DELAY, 1e-3), ("linear", "b", -4.0), ("linear", "c", 1e-9))
+    rows = (
+        ("log", "a", 5.0),
+        ("linear", motion_fit.DELAY, 1e-3),
+        ("linear", "b", -4.0),
+        ("linear", "c", 1e-9),
+    )
     unknowns = [SimpleNamespace(scale=scale, name=name, start=start) for scale, name, start in rows]
     made.vector, made.sample_s = SimpleNamespace(unknowns=unknowns), 0.02
     assert [made._unit(k) for k in range(4)] == [1.0, 0.02, 4.0, 1e-3]

@@ -52,7 +52,9 @@ from flexgen.uncertainty import in_loop
 from flexgen.uncertainty.sources import PAYLOAD
 
 
-def test_a_folder_is_own_where_its_user_is_the_one_who_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_is_own_where_its_user_is_the_one_who_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 7, raising=False)
     found: Any = [Made(st_uid=user) for user in (7, 0)]
     assert [atomic_files._is_own(x) for x in found] == [True, False]
@@ -66,7 +68,10 @@ def test_texts_of_more_than_60_characters_are_cut() -> None:
 
 
 def test_errors_of_a_text_without_a_place_have_no_line() -> None:
-    for text, words in (("a = " + "[" * 3000 + "]" * 3000, "nested too deeply"), ("a = 1\nb =", "not TOML")):
+    for text, words in (
+        ("a = " + "[" * 3000 + "]" * 3000, "nested too deeply"),
+        ("a = 1\nb =", "not TOML"),
+    ):
         with pytest.raises(TextError) as caught:
             toml_lines._parse(text, "a.toml", 1e5)
         assert words in caught.value.given
@@ -89,7 +94,8 @@ def test_an_object_is_fetched_where_the_cache_has_it(
     ("q", "before", "turns", "expected"),
     [
         ([0.5, 0.5], [0.0, 0.0], (), [0.5, 0.5]),
-        ([0.5, 0.5], [6.0, -6.0], (), [0.5 + 2 * np.pi, 0.5]),  # of the second one a turn less is beyond its limit
+        # of the second one a turn less is beyond its limit
+        ([0.5, 0.5], [6.0, -6.0], (), [0.5 + 2 * np.pi, 0.5]),
         ([2.0 + 0.9e-9, -1.0 - 0.9e-9], [0.0, 0.0], (), [2.0 + 0.9e-9, -1.0 - 0.9e-9]),
         ([0.5, 1.0 + 2e-9], [0.0, 0.0], (), None),
         ([0.5, -1.0 - 2e-9], [0.0, 0.0], (), None),
@@ -127,7 +133,9 @@ def test_moving_bodies_in_mujoco_have_some_mass_and_inertia() -> None:
             continue
         found = body[0].attrib
         assert float(found["mass"]) == expected[0]
-        assert sorted(map(float, found["diaginertia"].split())) == pytest.approx(expected[1], rel=1e-12)
+        assert sorted(map(float, found["diaginertia"].split())) == pytest.approx(
+            expected[1], rel=1e-12
+        )
     assert made.small == 2
 
 
@@ -136,13 +144,17 @@ def test_directions_that_data_do_not_determine_are_told_in_words() -> None:
 
     def lines(A: np.ndarray) -> tuple[str, ...]:
         unknowns = [Made(scale=scale) for scale in ("log", "log", "linear")]
-        vector: Any = Made(unknowns=unknowns, prior_sd=np.array([5.0, 5.0, 4.0]), names=["a", "b", "c"])
+        vector: Any = Made(
+            unknowns=unknowns, prior_sd=np.array([5.0, 5.0, 4.0]), names=["a", "b", "c"]
+        )
         return graybox.weak_directions(vector, A)
 
     strong = 0.5e6
     assert lines(np.diag([strong, strong, strong])) == ()
     sd = 2 * graybox.WEAK
-    assert lines(np.diag([0.5 / sd**2, strong, strong])) == (f"a is not determined by the data (sd {100 * sd:.0f} %)",)
+    assert lines(np.diag([0.5 / sd**2, strong, strong])) == (
+        f"a is not determined by the data (sd {100 * sd:.0f} %)",
+    )
     assert lines(np.diag([strong, strong, 0.5 / (4 * sd) ** 2])) == (
         f"c is not determined by the data (sd {100 * sd:.0f} %)",
     )
@@ -209,7 +221,14 @@ def test_a_smoother_goes_through_all_samples_twice() -> None:
     """Forward and backward recursions of the textbook, with other matrices in each part of two samples."""
     rng = np.random.default_rng(6)
     made = object.__new__(PathSmoother)
-    shapes = {"_F": (3, 4, 4), "_G": (3, 4, 2), "_C": (3, 3, 4), "_D": (3, 3, 2), "_M": (3, 4, 3), "_J": (3, 4, 4)}
+    shapes = {
+        "_F": (3, 4, 4),
+        "_G": (3, 4, 2),
+        "_C": (3, 3, 4),
+        "_D": (3, 3, 2),
+        "_M": (3, 4, 3),
+        "_J": (3, 4, 4),
+    }
     for name, shape in shapes.items():
         setattr(made, name, 0.4 * rng.normal(size=shape))
     vars(made).update(samples=2, _begin=3, sample_s=0.25, model=Made(n_a=2))
@@ -228,24 +247,34 @@ def test_a_smoother_goes_through_all_samples_twice() -> None:
             return after[k]
         return after[k] + made._J[min((k + 1) // 2, 2)] @ (smooth(k + 1) - before[k + 1])
 
-    np.testing.assert_allclose(made.deviation(y, u), [smooth(k)[:2] for k in range(9)], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(
+        made.deviation(y, u), [smooth(k)[:2] for k in range(9)], rtol=1e-10, atol=1e-12
+    )
 
 
 def test_digests_leave_out_newer_numbers_that_a_model_does_not_have() -> None:
     """So that digests of older models stay; each that is given enters, of its own class only."""
     model = flexgen.read("elbow")
     plain = digest._canonical(model)
-    new = [name.rpartition(".")[2] for name in digest.NEWER if "." not in name or name.startswith(("Gear.", "Robot"))]
+    new = [
+        name.rpartition(".")[2]
+        for name in digest.NEWER
+        if "." not in name or name.startswith(("Gear.", "Robot"))
+    ]
     assert not [name for name in new if name != "torque_max" and f"{name}=" in plain]
     motor = replace(model.motors[0], torque_rms_max=3.0)
-    assert "torque_rms_max=3.0" in digest._canonical(motor) and "torque_rate_max" not in digest._canonical(motor)
+    assert "torque_rms_max=3.0" in digest._canonical(
+        motor
+    ) and "torque_rate_max" not in digest._canonical(motor)
     gears = [dof.gear for element in model.elements for dof in element.dofs]
     assert "torque_max" not in digest._canonical(gears[0])
     assert "torque_max=7.5" in digest._canonical(replace(gears[0], torque_max=7.5))  # type: ignore[type-var]
     assert "torque_max=" in digest._canonical(motor)  # that of motors is older
     assert "temperature=31.5" in digest._canonical(replace(model, temperature=31.5))
     assert digest._canonical({"a": (1, 2.5), "b": ["x"]}) == "{'a': [1, 2.5], 'b': ['x']}"
-    assert "name=" not in digest._canonical(motor, ("name",)) and "name=" in digest._canonical(motor)
+    assert "name=" not in digest._canonical(motor, ("name",)) and "name=" in digest._canonical(
+        motor
+    )
 
 
 @pytest.mark.parametrize(
@@ -262,7 +291,9 @@ def test_digests_leave_out_newer_numbers_that_a_model_does_not_have() -> None:
         ("a__b", (), "a_b"),
     ],
 )
-def test_new_names_of_links_are_short_and_not_taken(stem: str, taken: tuple[str, ...], name: str) -> None:
+def test_new_names_of_links_are_short_and_not_taken(
+    stem: str, taken: tuple[str, ...], name: str
+) -> None:
     assert urdf._new_name(stem, taken) == name
 
 
@@ -304,7 +335,12 @@ def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None
     def of(*shape: int) -> np.ndarray:
         return rng.normal(size=shape)
 
-    M, D, K, B = np.eye(3) + 0.1 * np.diag(of(3)) ** 2, 0.1 * np.eye(3), np.diag([5.0, 7.0, 9.0]), of(3, 2)
+    M, D, K, B = (
+        np.eye(3) + 0.1 * np.diag(of(3)) ** 2,
+        0.1 * np.eye(3),
+        np.diag([5.0, 7.0, 9.0]),
+        of(3, 2),
+    )
     rows, w, U = of(2, 3), np.array([0.7, 1.9]), of(1, 2, 2, 1) + 1j * of(1, 2, 2, 1)
     model: Any = Made(
         matrices=lambda *_: tuple(x[None] for x in (M, D, K, B)),
@@ -313,8 +349,14 @@ def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None
         model=Made(n_m=2),
     )
     drive: Any = Made(transfer=lambda w, n_m: np.outer(1 / w, [2.0, 3.0]) * (1 + 0.5j))
-    name = next(k for k, x in vars(LocalModel).items() if callable(x) and "UU" in getattr(x, "__annotations__", {}))
-    found = getattr(LocalModel, name)(model, np.zeros(1), np.zeros((1, 2)), w, drive, U @ U.conj().swapaxes(-1, -2))
+    name = next(
+        k
+        for k, x in vars(LocalModel).items()
+        if callable(x) and "UU" in getattr(x, "__annotations__", {})
+    )
+    found = getattr(LocalModel, name)(
+        model, np.zeros(1), np.zeros((1, 2)), w, drive, U @ U.conj().swapaxes(-1, -2)
+    )
     power = np.zeros(2)
     for k in range(2):
         torque = drive.transfer(w, 2)[k] * U[0, k, :, 0]
@@ -323,7 +365,9 @@ def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None
     assert found[0] == pytest.approx(np.sqrt(power))
 
 
-@pytest.mark.parametrize(("problems", "own"), [({"y": 5}, "y"), ({"parameters": 4, "q_start": 4}, "q_start"), ({}, "")])
+@pytest.mark.parametrize(
+    ("problems", "own"), [({"y": 5}, "y"), ({"parameters": 4, "q_start": 4}, "q_start"), ({}, "")]
+)
 def test_problems_of_a_card_are_as_many_in_each_array(problems: dict[str, int], own: str) -> None:
     """Of `flexgen.cuda.inversion`: paths, parameters or begins, one of each or one for each problem."""
     shapes = {"y": (9, 3), "dy": (9, 3), "ddy": (9, 3), "q_start": (2,), "parameters": (6,)}
@@ -332,11 +376,16 @@ def test_problems_of_a_card_are_as_many_in_each_array(problems: dict[str, int], 
     for name, shape in shapes.items():
         many = problems.get("y" if name in ("dy", "ddy") else name)
         full = shape if many is None else (many, *shape)
-        given[name] = Made(shape=full, demand=lambda like, real, order, name=name: asked.update({name: like}))
+        given[name] = Made(
+            shape=full, demand=lambda like, real, order, name=name: asked.update({name: like})
+        )
     sizes = {"n_t": 3, "n_y": 3, "n_a": 2}
     made: Any = Made(_inverter=Made(_sizes=sizes, _real=float, _parameters=np.zeros(6)))
     if not problems:
-        with pytest.raises(ArgumentError, match="given one path, one q_start and one set of parameters, expected the"):
+        with pytest.raises(
+            ArgumentError,
+            match="given one path, one q_start and one set of parameters, expected the",
+        ):
             CudaManyInverter._demand(made, given)
         return
     found, count = CudaManyInverter._demand(made, given)
@@ -360,7 +409,11 @@ def test_a_compiler_for_another_processor_has_its_own_default(
         if "--version" in command:
             return Made(stdout="cc 1.0\nmore", returncode=0)
         calls.append(list(command))
-        return Made(stdout=" ".join(compiler._WORLD), stderr="no such processor", returncode=int(len(calls) in fails))
+        return Made(
+            stdout=" ".join(compiler._WORLD),
+            stderr="no such processor",
+            returncode=int(len(calls) in fails),
+        )
 
     monkeypatch.setattr(compiler, "_output", output)
     monkeypatch.setattr(compiler, "_choose_command", lambda: ["cc"])
@@ -386,7 +439,9 @@ def test_the_tool_of_translations_is_in_units_of_the_reach() -> None:
         assert found[:3] == pytest.approx(np.array([[2.0, 1.0]] * 3))
         assert found[3:] == pytest.approx(np.array([[1.0, 0.5]] * 3))
         model.output = Made(size=1, type="combination")
-        assert solvability._tool(Made(model=model), Made(W_g=np.ones((1, 1, 2))))[0] == pytest.approx(  # type: ignore[arg-type]
+        assert solvability._tool(Made(model=model), Made(W_g=np.ones((1, 1, 2))))[
+            0
+        ] == pytest.approx(  # type: ignore[arg-type]
             np.array([[1.0, 0.5]])
         )
 
@@ -396,27 +451,37 @@ def test_a_stream_takes_one_call_at_a_time(call: str, monkeypatch: pytest.Monkey
     """Of `flexgen.runtime.stream`: a second one is refused at once, not kept waiting."""
     made = object.__new__(stream.Stream)
     lock, real = threading.Lock(), np.dtype(float)
-    entries = Made(refuse_closed=lambda: None, model_parameters=(), rows=(), real=real, push=1, limits=1)
+    entries = Made(
+        refuse_closed=lambda: None, model_parameters=(), rows=(), real=real, push=1, limits=1
+    )
     inputs = tuple(np.zeros(2) for _ in range(3))
     vars(made).update(_lock=lock, _entries=entries, _sizes={"n_y": 2, "n_m": 2}, _inputs=inputs)
     monkeypatch.setattr(stream, "parameters_of", lambda *_: np.zeros(1))
     monkeypatch.setattr(stream, "array_of", lambda name, what, x, shape, dtype: np.zeros(shape))
-    given = {"update": (np.zeros(2),) * 3, "limit": (), "set_parameters": (1,), "set_force": (1,)}[call]
+    given = {"update": (np.zeros(2),) * 3, "limit": (), "set_parameters": (1,), "set_force": (1,)}[
+        call
+    ]
     lock.acquire()
     with ThreadPoolExecutor(1) as pool:
         refused = pool.submit(getattr(made, call), *given)
         try:
             with pytest.raises(
-                ArgumentError, match=r"while an(other)? (update|one) runs, expected one after the other"
+                ArgumentError,
+                match=r"while an(other)? (update|one) runs, expected one after the other",
             ):
                 refused.result(timeout=2.0)
         finally:
             lock.release()
 
 
-def test_defaults_of_parameters_are_literals_or_constants_of_modules(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_defaults_of_parameters_are_literals_or_constants_of_modules(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of `flexgen.verb_parameters`: through imports with and without another name."""
-    texts = {"a": "from b import C as D, E\nF = 2.5\nG, H = 1, 2\n", "b": "C = 3\nE = [1, 'x']\nI = f(2)\n"}
+    texts = {
+        "a": "from b import C as D, E\nF = 2.5\nG, H = 1, 2\n",
+        "b": "C = 3\nE = [1, 'x']\nI = f(2)\n",
+    }
     monkeypatch.setattr(verb_parameters, "_tree", lambda module: ast.parse(texts[module]))
 
     def value(word: str, module: str = "a") -> Any:
@@ -438,8 +503,12 @@ def test_defaults_of_parameters_are_literals_or_constants_of_modules(monkeypatch
 def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
     """Of `flexgen.dae.taylor_series`: up to order 6 at two points, against CasADi's derivatives in time."""
     t, rule = ca.SX.sym("t"), taylor_series.RULES[code]
-    points = np.array([[0.7, 0.4, -0.3, 0.2, 0.5, -0.1, 0.3], [1.3, -0.6, 0.2, 0.7, -0.4, 0.1, 0.2]])
-    others = np.array([[1.9, 0.3, 0.6, -0.2, 0.1, 0.4, -0.5], [0.8, 0.5, -0.1, 0.3, 0.2, -0.6, 0.1]])
+    points = np.array(
+        [[0.7, 0.4, -0.3, 0.2, 0.5, -0.1, 0.3], [1.3, -0.6, 0.2, 0.7, -0.4, 0.1, 0.2]]
+    )
+    others = np.array(
+        [[1.9, 0.3, 0.6, -0.2, 0.1, 0.4, -0.5], [0.8, 0.5, -0.1, 0.3, 0.2, -0.6, 0.1]]
+    )
     if code == ca.OP_CONSTPOW:
         others = np.array([[3.0, *[0.0] * 6]] * 2)
     found = rule(points[:, :, None], others[:, :, None])
@@ -466,14 +535,22 @@ def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
             ca.OP_NOT,
             ca.OP_ASSIGN,
         )
-        value = x if code == ca.OP_ASSIGN else ca.SX.unary(code, x) if unary else ca.SX.binary(code, x, y)
+        value = (
+            x
+            if code == ca.OP_ASSIGN
+            else ca.SX.unary(code, x)
+            if unary
+            else ca.SX.binary(code, x, y)
+        )
         for order in range(7):
             expected = float(ca.Function("f", [t], [value])(0.0)) / math.factorial(order)
             assert found[k, order, 0] == pytest.approx(expected, rel=1e-9, abs=1e-10), (code, order)
             value = ca.jacobian(value, t)
 
 
-@pytest.mark.parametrize(("base", "power"), [(1.5, 0.0), (-1.5, 1.0), (-1.5, 8.0), (1.5, 9.0), (1.5, 2.5), (1.5, -1.0)])
+@pytest.mark.parametrize(
+    ("base", "power"), [(1.5, 0.0), (-1.5, 1.0), (-1.5, 8.0), (1.5, 9.0), (1.5, 2.5), (1.5, -1.0)]
+)
 def test_powers_of_series_are_products_or_exponentials(base: float, power: float) -> None:
     """Small whole ones of negative numbers, too, which have no logarithm."""
     a = np.array([[[base], [0.3], [-0.2], [0.1]]])
@@ -485,7 +562,9 @@ def test_powers_of_series_are_products_or_exponentials(base: float, power: float
     )
 
 
-def test_drawn_robots_have_names_and_factors_of_their_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drawn_robots_have_names_and_factors_of_their_sources(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of `flexgen.uncertainty.in_loop`: 1 and the error, and what is added to the payload, counted from one."""
     model: Any = Made(uncertainty="table")
     sources = Made(
@@ -499,7 +578,11 @@ def test_drawn_robots_have_names_and_factors_of_their_sources(monkeypatch: pytes
     found = in_loop.draw_plants(model, 2, seed=5)
     z = np.random.default_rng(5).standard_normal((2, 3))
     for k in (0, 1):
-        expected = {"q1.stiffness": 1.0 + z[k, 0], "q2.stiffness": 1.0 + z[k, 0], "payload": 10.0 + z[k, 1]}
+        expected = {
+            "q1.stiffness": 1.0 + z[k, 0],
+            "q2.stiffness": 1.0 + z[k, 0],
+            "payload": 10.0 + z[k, 1],
+        }
         assert found[f"drawn_{k + 1}"] == pytest.approx(expected)
     assert list(found) == ["drawn_1", "drawn_2"]
 
@@ -509,7 +592,10 @@ def test_an_error_in_the_loop_is_what_twenty_robots_of_twenty_one_keep(
     failures: int, error: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = {f"r{k}": {} for k in range(21)}
-    robots = {name: Made(failure="x" * (k < failures), size=0.1 * (k + 1)) for k, name in enumerate(reversed(names))}
+    robots = {
+        name: Made(failure="x" * (k < failures), size=0.1 * (k + 1))
+        for k, name in enumerate(reversed(names))
+    }
     figures = lambda robot: {"error_max_m": robot.size, "error_max_rad": None}  # noqa: E731
     found = Made(runs=[Made(size=0.0)], figures=figures)
     monkeypatch.setattr(in_loop, "draw_plants", lambda model: names)
@@ -517,7 +603,10 @@ def test_an_error_in_the_loop_is_what_twenty_robots_of_twenty_one_keep(
     run: Any = Made(model=Made(uncertainty=Made(delay=1e-3)), solution="solution")
     result = in_loop.error_in_loop(run)
     assert (result["robots"], result["failed"], result["without_delay"]) == (21, failures, True)
-    assert result["error_m"] == (None if error is None else pytest.approx(error)) and result["error_rad"] is None
+    assert (
+        result["error_m"] == (None if error is None else pytest.approx(error))
+        and result["error_rad"] is None
+    )
 
 
 class Run:
@@ -556,7 +645,10 @@ def test_operations_at_random_states_are_those_of_c() -> None:
     ):
         assert pivot_guards._CALLS[name](a).tolist() == values, name
     assert pivot_guards._CALLS["div"](a, b + 3.0).tolist() == [x / (y + 3.0) for x, y in pairs]
-    assert {"double": np.finfo(float).eps, "single": float(np.finfo(np.float32).eps)} == pivot_guards.EPSILON
+    assert {
+        "double": np.finfo(float).eps,
+        "single": float(np.finfo(np.float32).eps),
+    } == pivot_guards.EPSILON
 
 
 def test_values_are_nested_up_to_the_stated_depth() -> None:
@@ -581,7 +673,9 @@ def test_values_are_nested_up_to_the_stated_depth() -> None:
         (("pose_rad", "pose_deg"), False, "pose_deg: one of the two"),
     ],
 )
-def test_angles_have_one_key_with_their_unit(keys: tuple[str, ...], required: bool, expected: str | None) -> None:
+def test_angles_have_one_key_with_their_unit(
+    keys: tuple[str, ...], required: bool, expected: str | None
+) -> None:
     """Of `flexgen.spec.tables`: the errors name the key."""
 
     def fail(key: str, wanted: str, given: str = "") -> Exception:

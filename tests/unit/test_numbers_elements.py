@@ -17,7 +17,11 @@ import flexgen
 from flexgen.accuracy.corners import Corner, corner_figures
 from flexgen.analysis import feasible_bodies
 from flexgen.analysis.compliance import ToolCompliance
-from flexgen.analysis.describing_functions import average_coulomb, average_hysteresis, average_spring
+from flexgen.analysis.describing_functions import (
+    average_coulomb,
+    average_hysteresis,
+    average_spring,
+)
 from flexgen.errors import ArgumentError
 from flexgen.inversion import hold
 from flexgen.inversion.status import Status
@@ -43,7 +47,9 @@ def test_figures_of_a_corner_by_hand() -> None:
             parts.append(float(np.linalg.norm(p + s * (q - p) - corner.point)))
         return min(parts)
 
-    assert found["corner_round_off"] == pytest.approx(max(nearest(*first[1:4]), nearest(*second[1:4])))
+    assert found["corner_round_off"] == pytest.approx(
+        max(nearest(*first[1:4]), nearest(*second[1:4]))
+    )
     assert found["corner_round_off_commanded"] == pytest.approx(nearest(*reference[1:4]))
     assert found["corner_overshoot"] == pytest.approx(0.3)  # not of the part along the second line
     assert corner_figures([], time, reference, first[None]) == {}
@@ -68,7 +74,9 @@ def test_springs_in_a_gaussian_motion_by_quadrature(mean: float) -> None:
 
 def test_frictions_in_a_gaussian_motion_by_quadrature() -> None:
     """Coulomb friction has the mean of ``|v|``; an element that slips the mean over Rayleigh's amplitudes."""
-    assert average_coulomb(np.array([2.0]))[0] == pytest.approx(quad(lambda e: abs(e) * norm.pdf(e), -9, 9)[0] / 2.0)
+    assert average_coulomb(np.array([2.0]))[0] == pytest.approx(
+        quad(lambda e: abs(e) * norm.pdf(e), -9, 9)[0] / 2.0
+    )
     slip, sd = 0.5, 0.8
 
     def element(A: float) -> complex:
@@ -76,7 +84,12 @@ def test_frictions_in_a_gaussian_motion_by_quadrature() -> None:
         return complex((t - np.sin(2 * t) / 2 + 1j * np.sin(t) ** 2) / np.pi)
 
     def mean(part: str) -> float:
-        total = quad(lambda A: A**2 * getattr(element(A), part) * rayleigh.pdf(A, scale=sd), 0, 7 * sd, points=[slip])
+        total = quad(
+            lambda A: A**2 * getattr(element(A), part) * rayleigh.pdf(A, scale=sd),
+            0,
+            7 * sd,
+            points=[slip],
+        )
         return float(total[0]) / (2 * sd**2)
 
     found = average_hysteresis(np.array([slip]), np.array([sd]))[0]
@@ -90,14 +103,17 @@ def test_the_compliance_of_two_springs_by_hand() -> None:
     made = ToolCompliance(np.diag([2.0, 2.0]), np.diag([0.4, 0.4]), np.diag([800.0, 200.0]), J)
     assert_allclose(
         made.matrix[:3:2, :3:2],
-        [[0.36 / 800 + 0.64 / 200, 0.48 / 800 - 0.48 / 200]] * 1 + [[0.48 / 800 - 0.48 / 200, 0.64 / 800 + 0.36 / 200]],
+        [[0.36 / 800 + 0.64 / 200, 0.48 / 800 - 0.48 / 200]] * 1
+        + [[0.48 / 800 - 0.48 / 200, 0.64 / 800 + 0.36 / 200]],
     )
     values, directions = made.principal()
     assert_allclose(values, [1 / 200, 1 / 800, 0.0], atol=1e-15)
     assert_allclose(directions[:2], [[0.8, 0.0, -0.6], [0.6, 0.0, 0.8]], atol=1e-12)
     assert_allclose(made.principal(rotation=True)[0], [1 / 800, 0.0, 0.0], atol=1e-15)
     w = 10.0
-    assert abs(made.response(np.array([w / (2 * np.pi)]))[0, 4, 4]) == pytest.approx(1 / abs(800 - 200 + 4j))
+    assert abs(made.response(np.array([w / (2 * np.pi)]))[0, 4, 4]) == pytest.approx(
+        1 / abs(800 - 200 + 4j)
+    )
     peak = made.resonance()
     assert peak is not None
     natural, ratio = np.sqrt(200 / 2.0), 0.4 / (2 * np.sqrt(2 * 200.0))
@@ -107,7 +123,9 @@ def test_the_compliance_of_two_springs_by_hand() -> None:
     assert_allclose(ends, [0.05 * 10.0, 3.0 * 20.0], rtol=1e-9)
     stiff = ToolCompliance(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((6, 0)))
     assert stiff.resonance() is None and not stiff.matrix.any()
-    assert stiff.to_dict()["resonance_hz"] is None and made.to_dict()["resonance_m_per_N"] == peak[1]
+    assert (
+        stiff.to_dict()["resonance_hz"] is None and made.to_dict()["resonance_m_per_N"] == peak[1]
+    )
 
 
 def test_ten_numbers_of_a_body_and_back() -> None:
@@ -119,9 +137,13 @@ def test_ten_numbers_of_a_body_and_back() -> None:
     second = mass * (np.diag(sides**2) / 12 + np.outer(com, com))  # int r r' dm
     inertia = np.trace(second) * np.eye(3) - second
     assert_allclose(numbers[:4], [mass, *(mass * com)])
-    assert_allclose(numbers[4:], [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
+    assert_allclose(
+        numbers[4:], [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))]
+    )
     P = feasible_bodies.pseudo_inertia(numbers)
-    assert_allclose(P, np.block([[second, mass * com[:, None]], [mass * com[None], np.array([[mass]])]]))
+    assert_allclose(
+        P, np.block([[second, mass * com[:, None]], [mass * com[None], np.array([[mass]])]])
+    )
     again = feasible_bodies.body_of(numbers)
     assert again.mass == mass and np.allclose(again.com, com) and np.allclose(again.inertia, own)
     made = feasible_bodies.Feasible(2)
@@ -131,9 +153,16 @@ def test_ten_numbers_of_a_body_and_back() -> None:
     slopes = np.stack([(made.pi(x + d) - made.pi(x - d)) / 2e-6 for d in 1e-6 * np.eye(20)], axis=1)
     assert_allclose(made.jacobian(x), slopes, atol=1e-6)
     flat = np.array([1.0, 0, 0, 0, 1.0, 1.0, 2.5, 0, 0, 0])  # no body has these moments
-    assert np.linalg.eigvalsh(feasible_bodies.pseudo_inertia(made.pi(made.x(np.tile(flat, 2)))[:10]))[0] > 0
+    assert (
+        np.linalg.eigvalsh(feasible_bodies.pseudo_inertia(made.pi(made.x(np.tile(flat, 2)))[:10]))[
+            0
+        ]
+        > 0
+    )
     length = np.sqrt(numbers[4:7].sum() / (2 * mass))
-    assert_allclose(feasible_bodies.scales(numbers), [mass, *[mass * length] * 3, *[mass * length**2] * 6])
+    assert_allclose(
+        feasible_bodies.scales(numbers), [mass, *[mass * length] * 3, *[mass * length**2] * 6]
+    )
 
 
 class Law:
@@ -144,7 +173,9 @@ class Law:
 
     def __call__(self, t: np.ndarray, order: int) -> np.ndarray:
         at = np.clip(t, 0.0, self.duration)
-        return np.stack([self.speed * at, np.where((t > 0) & (t < self.duration), self.speed, 0.0)], axis=1)
+        return np.stack(
+            [self.speed * at, np.where((t > 0) & (t < self.duration), self.speed, 0.0)], axis=1
+        )
 
 
 def test_places_on_a_path_count_its_motions() -> None:
@@ -165,7 +196,10 @@ def test_places_on_a_path_count_its_motions() -> None:
         ],
     )
     force: Any = Made(at=lambda s: np.outer(s, np.arange(6.0)))
-    assert_allclose(place_force.force_along(force, path)(np.array([0.25, 2.0])), np.outer([0.5, 1.5], np.arange(6.0)))
+    assert_allclose(
+        place_force.force_along(force, path)(np.array([0.25, 2.0])),
+        np.outer([0.5, 1.5], np.arange(6.0)),
+    )
     curve = PPoly(np.ones((1, 2, 6)) * np.array([3.0, 5.0])[:, None], [0.0, 1.0, 2.0])
     second = place_force.of_motion(Made(curve=curve), 1)  # type: ignore[arg-type]
     assert second is not None and place_force.of_motion(None, 1) is None
@@ -175,7 +209,9 @@ def test_places_on_a_path_count_its_motions() -> None:
     assert_allclose(held([2.5])[0], 6.25)
     assert_allclose(held([6.0, 7.5, 100.0])[:, 0], 36.0)
     data = {"force": samples}
-    given: Any = Made(**{"labels": {"force": tool_force.LABELS}, "units": {"force": tool_force.UNITS}})
+    given: Any = Made(
+        **{"labels": {"force": tool_force.LABELS}, "units": {"force": tool_force.UNITS}}
+    )
     for name, value in (("labels", tool_force.LABELS[::-1]), ("units", ("N",) * 6), (None, None)):
         table: Any = type("Data", (dict,), {})(data)
         table.labels, table.units = given.labels, given.units
@@ -184,7 +220,8 @@ def test_places_on_a_path_count_its_motions() -> None:
             continue
         setattr(table, name, {"force": value})
         with pytest.raises(
-            ArgumentError, match=r"trajectory channel force: given columns .* expected fx, fy, fz, mx, my"
+            ArgumentError,
+            match=r"trajectory channel force: given columns .* expected fx, fy, fz, mx, my",
         ):
             tool_force.read_force(table)
 
@@ -216,7 +253,9 @@ def test_a_hold_that_makes_the_output_deviate_is_told(
     problem: Any = Made(accuracy=1e-4, log=told.append)
     run = Made(tool_error_max_m=2e-3, tool_error_max_rad=None)
     monkeypatch.setattr(hold, "replace", lambda thing, **more: Made(**(vars(thing) | more)))
-    monkeypatch.setattr(hold, "torque_command", lambda trajectory, given: Made(title=lambda: "zero-order hold"))
+    monkeypatch.setattr(
+        hold, "torque_command", lambda trajectory, given: Made(title=lambda: "zero-order hold")
+    )
     solution: Any = Made(trajectory=None, simulation=1, status=before, warnings=("a",))
     for plan_error, size in ((None, "2 mm"), ((3e-3, None), "3 mm")):
         checked = Made(worst=worst, simulation=run, plan_error=plan_error)
@@ -226,7 +265,8 @@ def test_a_hold_that_makes_the_output_deviate_is_told(
         assert found.status is status and found.held_simulation is run
         text = f"the zero-order hold makes the output deviate by {size}, more than the accuracy 0.0001; use a shorter "
         assert found.warnings == ("a",) or (
-            status is Status.TOLERANCE_NOT_MET and found.warnings == ("a", text + "sample time or a linear hold")
+            status is Status.TOLERANCE_NOT_MET
+            and found.warnings == ("a", text + "sample time or a linear hold")
         )
         assert (len(found.warnings) == 2) == (status is Status.TOLERANCE_NOT_MET)
     assert told == ["verifying the torques of the controller: zero-order hold"] * 2
@@ -234,14 +274,21 @@ def test_a_hold_that_makes_the_output_deviate_is_told(
     assert vars(default) == vars(solution)
     solution.simulation = None
     unchecked: Any = hold.with_hold(problem, solution, Made(command="torque", is_default=False))  # type: ignore[arg-type]
-    assert unchecked.torque_command.title() == "zero-order hold" and not hasattr(unchecked, "held_simulation")
+    assert unchecked.torque_command.title() == "zero-order hold" and not hasattr(
+        unchecked, "held_simulation"
+    )
 
 
 def test_objects_are_written_without_their_defaults() -> None:
     """Tables in tables, one or several; other names of the keys and values as they are written."""
 
     def key(field: str, default: Any, form: Any = None, many: bool = False, most: int = 0) -> Any:
-        kind = Made(form=form, many=many, most=most, write=lambda x: x if isinstance(x, dict | list) else f"<{x}>")
+        kind = Made(
+            form=form,
+            many=many,
+            most=most,
+            write=lambda x: x if isinstance(x, dict | list) else f"<{x}>",
+        )
         return Made(field=field, names=(f"{field}_name", "old"), default=default, type=kind)
 
     inner: Any = Made(keys=[key("b", 0)], take=lambda value: {"b": value})
@@ -272,6 +319,9 @@ def test_poses_of_trackers_without_sag_are_those_of_the_arm() -> None:
     total = q.sum(axis=1)
     assert_allclose(found[:, 0, 0], 1.15 * np.sin(q[:, 0]) + 1.241 * np.cos(total))
     assert_allclose(found[:, 0, 2], 1.15 * np.cos(q[:, 0]) - 1.241 * np.sin(total))
-    for bad, text in (([[0.1]], r"given shape \(1, 1\)"), ([[0.1], [0.1, 2]], "given .*rows of the same length")):
+    for bad, text in (
+        ([[0.1]], r"given shape \(1, 1\)"),
+        ([[0.1], [0.1, 2]], "given .*rows of the same length"),
+    ):
         with pytest.raises(ArgumentError, match=f"commands: {text}"):
             flexgen.tracker_positions("elbow", bad)

@@ -23,7 +23,10 @@ class Motion(dict[str, Any]):
 
     def __init__(self, **channels: Any) -> None:
         super().__init__(channels)
-        self.time, self.meta = np.array([-1.0, 0.0, 0.5, 1.0, 2.0]), {"model": "elbow", "variant": "soft"}
+        self.time, self.meta = (
+            np.array([-1.0, 0.0, 0.5, 1.0, 2.0]),
+            {"model": "elbow", "variant": "soft"},
+        )
 
 
 def test_the_end_of_a_path_is_where_its_reference_stays() -> None:
@@ -70,7 +73,9 @@ def test_a_home_pose_has_mechanisms_and_rotors(monkeypatch: pytest.MonkeyPatch) 
         SubElement(root, "joint", name=name)
     SubElement(root, "joint")
     added: list[Any] = []
-    monkeypatch.setattr(mujoco, "add", lambda parent, tag, **given: added.append((tag, given)) or Made())  # type: ignore[func-returns-value]
+    monkeypatch.setattr(
+        mujoco, "add", lambda parent, tag, **given: added.append((tag, given)) or Made()
+    )  # type: ignore[func-returns-value]
     monkeypatch.setattr(mujoco, "mechanisms", lambda model: {"sum": {"a": 2.0, "b": -0.5}})
     coordinates, motors = [Made(name="a"), Made(name="b")], [Made(name="m")]
     own: Any = Made(model=Made(coordinates=coordinates, motors=motors))
@@ -101,11 +106,17 @@ def test_a_servo_without_integral_part_is_commanded_ahead(integral: tuple[float,
     eta = np.array([[100.0, 0.0], [25.0, 50.0]])
     model: Any = Made(
         motors=names,
-        coordinates=[Made(name="q1", unit="rad"), Made(name="e", unit="m"), Made(name="q2", unit="m")],
+        coordinates=[
+            Made(name="q1", unit="rad"),
+            Made(name="e", unit="m"),
+            Made(name="q2", unit="m"),
+        ],
         i_g=(0, 2),
         eta=eta,
     )
-    held: Any = Made(tau_m=np.array([4.0, -2.0]), q_m=np.array([50.0, 30.0]), q_a=np.array([0.5, 0.01, 0.4]))
+    held: Any = Made(
+        tau_m=np.array([4.0, -2.0]), q_m=np.array([50.0, 30.0]), q_a=np.array([0.5, 0.01, 0.4])
+    )
     rows = feedforward._outputs(model, held, servo)
     assert [row.name for row in rows[:4]] == [
         "motor.m1.torque",
@@ -119,5 +130,8 @@ def test_a_servo_without_integral_part_is_commanded_ahead(integral: tuple[float,
     expected = np.linalg.inv(eta) @ (held.q_m + offset)
     assert found["arm.q1.command"] == (pytest.approx(expected[0]), "rad")
     assert found["arm.q2.command"] == (pytest.approx(expected[1]), "m")
-    assert found["arm.e.reference_position"] == (0.01, "m") and found["arm.e.reference_speed"] == (0.0, "m/s")
+    assert found["arm.e.reference_position"] == (0.01, "m") and found["arm.e.reference_speed"] == (
+        0.0,
+        "m/s",
+    )
     assert not any(row.name.endswith(".command") for row in feedforward._outputs(model, held, None))

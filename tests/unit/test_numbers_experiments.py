@@ -35,7 +35,9 @@ def experiment() -> Experiment:
         progress=False,
     )
     filters = (LowPass(80.0), Notch(30.0, 0.2, 0.5))
-    plan = replace(plan, sensors=("acc.x", "acc.y"), controller=replace(plan.controller, filters=filters))
+    plan = replace(
+        plan, sensors=("acc.x", "acc.y"), controller=replace(plan.controller, filters=filters)
+    )
 
     def spectra(*shape: int) -> np.ndarray:
         return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
@@ -60,20 +62,37 @@ def experiment() -> Experiment:
 
 def test_an_experiment_is_read_as_it_was_written(experiment: Experiment, tmp_path: Path) -> None:
     found = Experiment.load(experiment.save(tmp_path / "a.npz"))
-    for name in ("tau_m", "q_m", "speed_sd", "saturated", "signals", "offsets", "beside", "references"):
+    for name in (
+        "tau_m",
+        "q_m",
+        "speed_sd",
+        "saturated",
+        "signals",
+        "offsets",
+        "beside",
+        "references",
+    ):
         assert_array_equal(getattr(found, name), getattr(experiment, name), err_msg=name)
     for name in ("source", "hold", "orders", "periodic", "lines_by_torque"):
         assert getattr(found, name) == getattr(experiment, name)
-    assert found.plan.controller.filters == experiment.plan.controller.filters and found.plan.sensors == (
-        "acc.x",
-        "acc.y",
+    assert (
+        found.plan.controller.filters == experiment.plan.controller.filters
+        and found.plan.sensors
+        == (
+            "acc.x",
+            "acc.y",
+        )
     )
     assert found.offsets is not None and found.offsets.dtype == int
     assert_array_equal(found.reference(1, 0, 1), experiment.references[1, 0, 1])  # type: ignore[index]
     plan = replace(experiment.plan, sensors=())
-    plain = replace(experiment, plan=plan, signals=None, offsets=None, beside=None, orders=None, references=None)
+    plain = replace(
+        experiment, plan=plan, signals=None, offsets=None, beside=None, orders=None, references=None
+    )
     found = Experiment.load(plain.save(tmp_path / "b.npz"))
-    assert (found.signals, found.offsets, found.beside, found.orders, found.references) == (None,) * 5
+    assert (found.signals, found.offsets, found.beside, found.orders, found.references) == (
+        None,
+    ) * 5
     expected = plan.poses[1] + plan.reference(0, 1)
     assert_array_equal(found.reference(1, 0, 1), expected)
     for wrong in ((2, 0, 0), (0, 1, 0), (0, 0, 2), (-1, 0, 0)):
@@ -89,7 +108,10 @@ def test_an_experiment_is_read_as_it_was_written(experiment: Experiment, tmp_pat
         ({"q_m": (2, 1, 2, 3, 5, 1)}, "arrays of different sizes"),
         ({"speed_sd": (2, 1)}, "arrays of different sizes"),
         ({"saturated": (3,)}, "arrays of different sizes"),
-        ({"tau_m": (2, 1, 2, 4, 5, 2), "q_m": (2, 1, 2, 4, 5, 2)}, "periods and hold: expected 3 and one of"),
+        (
+            {"tau_m": (2, 1, 2, 4, 5, 2), "q_m": (2, 1, 2, 4, 5, 2)},
+            "periods and hold: expected 3 and one of",
+        ),
         ({"hold": "foh"}, "periods and hold: expected 3 and one of"),
         ({"signals": (2, 1, 2, 3, 5, 3)}, "signals: expected those of 2 sensor channels"),
         ({"signals": None}, "signals: expected those of 2 sensor channels"),
@@ -104,7 +126,9 @@ def test_an_experiment_is_read_as_it_was_written(experiment: Experiment, tmp_pat
         ({"references": (2, 1, 2, 3, 2)}, "references: expected a period of each experiment"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(experiment: Experiment, changes: dict[str, Any], words: str) -> None:
+def test_arrays_that_do_not_fit_are_refused(
+    experiment: Experiment, changes: dict[str, Any], words: str
+) -> None:
     arrays, meta = experiment.data()
     for name, value in changes.items():
         if name in ("hold", "orders"):
@@ -124,7 +148,9 @@ def test_numbers_beyond_reason_are_refused(experiment: Experiment, name: str) ->
     arrays[name].flat[3] = LARGEST
     Experiment.from_data(arrays, meta)
     arrays[name].flat[3] = 1.01 * LARGEST
-    with pytest.raises(ValueError, match=f"^{name}: expected numbers up to {LARGEST:g}".replace("+", r"\+")):
+    with pytest.raises(
+        ValueError, match=f"^{name}: expected numbers up to {LARGEST:g}".replace("+", r"\+")
+    ):
         Experiment.from_data(arrays, meta)
 
 
@@ -132,14 +158,22 @@ def test_sensors_sample_at_multiples_of_the_drives() -> None:
     """Which divide the period, and show the highest frequency; a difference of a millionth is none."""
     hardware = SimpleNamespace(sample_s=1e-3)
     frequencies = np.array([2.0, 20.0])
-    plan: Any = SimpleNamespace(hardware=hardware, samples=500, lines=[1, 10], period_s=0.5, frequencies=frequencies)
-    step = SensorSignals._step
-    assert [step("acc.x", x, plan) for x in (None, 1e-3, 4e-3, 4e-3 + 9e-10, 2e-2)] == [1, 1, 4, 4, 20]
-    words = (
-        r"^sensor channel acc\.x: given sample_s = .* s, expected a multiple of 0\.001 s, the sample time of the dri"
+    plan: Any = SimpleNamespace(
+        hardware=hardware, samples=500, lines=[1, 10], period_s=0.5, frequencies=frequencies
     )
+    step = SensorSignals._step
+    assert [step("acc.x", x, plan) for x in (None, 1e-3, 4e-3, 4e-3 + 9e-10, 2e-2)] == [
+        1,
+        1,
+        4,
+        4,
+        20,
+    ]
+    words = r"^sensor channel acc\.x: given sample_s = .* s, expected a multiple of 0\.001 s, the sample time of the dri"
     for wrong in (4e-3 + 2e-9, 3e-3, 4e-4, 1.5e-3):
         with pytest.raises(ArgumentError, match=words):
             step("acc.x", wrong, plan)
-    with pytest.raises(ArgumentError, match=r"expected less than half a period of the highest frequency, 20 Hz$"):
+    with pytest.raises(
+        ArgumentError, match=r"expected less than half a period of the highest frequency, 20 Hz$"
+    ):
         step("acc.x", 2.5e-2, plan)

@@ -45,19 +45,29 @@ def test_offsets_of_robots_are_across_the_path(direction: list[float]) -> None:
     sideways = np.array([1e-3, 3e-3, 2e-3])
     late = np.stack([np.interp(T - 0.02, T, x) for x in reference.T], axis=-1)
     attained = np.stack(
-        [reference + sideways[0] * normal, late + sideways[1] * normal, reference + sideways[2] * normal]
+        [
+            reference + sideways[0] * normal,
+            late + sideways[1] * normal,
+            reference + sideways[2] * normal,
+        ]
     )
     found = path_accuracy(T, reference, attained, PATH_END, robots=("a", "b", "c"))
     assert found.path_accuracy == pytest.approx(2e-3, rel=1e-3)
     assert_allclose(found.path_errors, sideways, rtol=1e-3)  # type: ignore[arg-type]
     spread = np.abs(sideways - 2e-3)
-    assert found.path_repeatability == pytest.approx(spread.mean() + 3 * spread.std(ddof=1), rel=1e-2)
+    assert found.path_repeatability == pytest.approx(
+        spread.mean() + 3 * spread.std(ddof=1), rel=1e-2
+    )
     assert found.pose_accuracy == pytest.approx(2e-3) and found.robots == ("a", "b", "c")
     alone = path_accuracy(T, reference, attained[1:2], PATH_END, robots=("b",))
     assert alone.path_accuracy == pytest.approx(3e-3, rel=1e-3) and alone.path_repeatability is None
-    still = path_accuracy(T, 0 * reference, 0 * attained + 1e-3 * normal, PATH_END, robots=("a", "b", "c"))
+    still = path_accuracy(
+        T, 0 * reference, 0 * attained + 1e-3 * normal, PATH_END, robots=("a", "b", "c")
+    )
     assert (
-        still.path_accuracy is None and still.path_errors == (None,) * 3 and still.pose_accuracy == pytest.approx(1e-3)
+        still.path_accuracy is None
+        and still.path_errors == (None,) * 3
+        and still.pose_accuracy == pytest.approx(1e-3)
     )
     for wrong in (0.0, -1.0, np.inf, np.nan):
         with pytest.raises(ArgumentError, match=r"^band: given .*, expected a number > 0 \[m\]$"):
@@ -69,13 +79,22 @@ def test_settling_begins_at_the_end_of_the_path() -> None:
     reference, normal = line([1.0, 0.0, 0.0])
     after = np.clip(T - PATH_END, 0.0, None)
     swing = 1e-2 * np.exp(-5 * after) * (T >= PATH_END)
-    found = path_accuracy(T, reference, (reference + swing[:, None] * normal)[None], PATH_END, robots=("a",), band=1e-3)
+    found = path_accuracy(
+        T,
+        reference,
+        (reference + swing[:, None] * normal)[None],
+        PATH_END,
+        robots=("a",),
+        band=1e-3,
+    )
     rest = 1e-2 * np.exp(-5.0)
     inside = after[(np.abs(swing - rest) <= 1e-3) & (after > 0)][0]
     assert found.settling_s[0] == pytest.approx(inside, abs=2e-3) and found.overshoots == (0.0,)
     assert found.drifts[0] == pytest.approx(1e-2 * np.exp(-2.5) - rest, rel=1e-2)
     late = 5e-3 * after[:, None] * normal
-    drifting = path_accuracy(T, reference, (reference + late)[None], PATH_END, robots=("a",), band=1e-3)
+    drifting = path_accuracy(
+        T, reference, (reference + late)[None], PATH_END, robots=("a",), band=1e-3
+    )
     assert drifting.settling_s == (None,) and drifting.stabilizations_s == (None,)
     calm = path_accuracy(T, reference, reference[None], PATH_END, robots=("a",), band=1e-3)
     assert calm.settling_s == (0.0,) and calm.drifts[0] == pytest.approx(0.0, abs=1e-12)
@@ -90,10 +109,16 @@ def test_speeds_and_turns_along_a_path() -> None:
     turns = np.array([[1e-3, -2e-3, 3e-3], [3e-3, -2e-3, 1e-3]])
     R = np.stack([np.tile(Rotation.from_rotvec(x).as_matrix(), (len(T), 1, 1)) for x in turns])
     found = path_accuracy(T, reference, attained, 1.0, robots=("a", "b"), orientations=(R_ref, R))
-    assert found.speed_accuracy == pytest.approx(0.02, rel=2e-2) and found.speed_repeatability == pytest.approx(0.0)
+    assert found.speed_accuracy == pytest.approx(
+        0.02, rel=2e-2
+    ) and found.speed_repeatability == pytest.approx(0.0)
     assert CRUISING == 0.95
     assert_allclose(found.orientation_accuracy, [2e-3, -2e-3, 2e-3], atol=1e-9)  # type: ignore[arg-type]
-    assert_allclose(found.orientation_repeatability, [3 * np.sqrt(2) * 1e-3, 0.0, 3 * np.sqrt(2) * 1e-3], atol=1e-9)  # type: ignore[arg-type]
+    assert_allclose(
+        found.orientation_repeatability,
+        [3 * np.sqrt(2) * 1e-3, 0.0, 3 * np.sqrt(2) * 1e-3],
+        atol=1e-9,
+    )  # type: ignore[arg-type]
     assert_allclose(found.orientation_path_accuracy, [2e-3, 2e-3, 2e-3], atol=1e-9)  # type: ignore[arg-type]
 
 
@@ -164,16 +189,32 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
         _grid="grid",
         _local=SimpleNamespace(rests=lambda motion, values: (motion, values)),
     )
-    monkeypatch.setattr(commanded, "trajectory_of", lambda found, first, name, force: (force, first, name))
+    monkeypatch.setattr(
+        commanded, "trajectory_of", lambda found, first, name, force: (force, first, name)
+    )
     reference = SimpleNamespace(motion="motion")
-    monkeypatch.setattr(commanded, "motion_reference", lambda *given: asked.update(given=given) or reference)
+    monkeypatch.setattr(
+        commanded, "motion_reference", lambda *given: asked.update(given=given) or reference
+    )
     case = made.case(np.ones(2), 3)
     assert case.seed == 43 and case.reference is reference and case.rests == ("motion", "values")
-    assert asked["given"][0] == (None, 0.25, "arm") and asked["n_pre"] == 3 and asked["samples_per_interval"] == 2
+    assert (
+        asked["given"][0] == (None, 0.25, "arm")
+        and asked["n_pre"] == 3
+        and asked["samples_per_interval"] == 2
+    )
     assert asked["given"][-1] == "signals" and made.case(np.ones(2), 0).seed == 40
-    made._case, made._force = replace(made._case, force=SimpleNamespace(at=lambda t: 2 * t)), "on the output"
-    monkeypatch.setattr(commanded, "resting", lambda reference, *given: SimpleNamespace(motion=given))
-    assert made.case(np.ones(2), 0).rests[0] == (made._local, "v") and asked["force"] == "on the output"
+    made._case, made._force = (
+        replace(made._case, force=SimpleNamespace(at=lambda t: 2 * t)),
+        "on the output",
+    )
+    monkeypatch.setattr(
+        commanded, "resting", lambda reference, *given: SimpleNamespace(motion=given)
+    )
+    assert (
+        made.case(np.ones(2), 0).rests[0] == (made._local, "v")
+        and asked["force"] == "on the output"
+    )
     assert_array_equal(asked["given"][0][0], [-1.5, 4.5])
 
 
@@ -186,7 +227,9 @@ def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
         energy=np.array([[1.0, 2.0], [3.0, 4.0]]),
     )
     monkeypatch.setattr(batches, "_beyond", lambda *given: np.array([False, True]))
-    monkeypatch.setattr(batches, "_warnings", lambda robot, peaks, starts, ends, k: (f"row {k}", "more"))
+    monkeypatch.setattr(
+        batches, "_warnings", lambda robot, peaks, starts, ends, k: (f"row {k}", "more")
+    )
     mover: Any = SimpleNamespace(peaks=lambda starts, ends: peaks, n=201)
     robot: Any = None
     found = batches.figures(robot, mover, np.zeros((2, 2)), np.ones((2, 2)))
@@ -216,13 +259,19 @@ def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # --- texts and files --------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("angles", [(0.3, -0.4, 0.5), (np.pi / 2, 0.2, -np.pi / 2), (np.pi, 0.0, 0.7), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "angles", [(0.3, -0.4, 0.5), (np.pi / 2, 0.2, -np.pi / 2), (np.pi, 0.0, 0.7), (0.0, 0.0, 0.0)]
+)
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (0.1, 0.0, -0.2)])
-def test_steps_of_a_placement_are_its_rotation(angles: tuple[float, ...], shift: tuple[float, float, float]) -> None:
+def test_steps_of_a_placement_are_its_rotation(
+    angles: tuple[float, ...], shift: tuple[float, float, float]
+) -> None:
     """Turns about z, y, x in this order, quarters as whole numbers, others as symbols with their values."""
     R = Rotation.from_euler("ZYX", angles).as_matrix()
     symbols = Symbols()
-    steps = placement_steps(symbols, "r", "arm", Placement(shift, tuple(map(tuple, R.tolist()))), "place")  # type: ignore[arg-type]
+    steps = placement_steps(
+        symbols, "r", "arm", Placement(shift, tuple(map(tuple, R.tolist()))), "place"
+    )  # type: ignore[arg-type]
     assert isinstance(steps[0], Shift) == any(shift) if steps else not any(shift)
     turns = [step for step in steps if isinstance(step, Turn)]
     values = {entry.symbol: entry.value for entry in symbols.entries}
@@ -242,11 +291,15 @@ def test_defaults_of_joints_fill_what_a_joint_does_not_state() -> None:
     """Tables of the same type are merged, those of another one replace it; a spring excludes gear and motor."""
 
     def entry(value: Any, line: int = 1) -> Entry:
-        wrapped = {k: entry(v, line) for k, v in value.items()} if isinstance(value, dict) else value
+        wrapped = (
+            {k: entry(v, line) for k, v in value.items()} if isinstance(value, dict) else value
+        )
         return Entry(wrapped, line)
 
     def plain(table: dict[str, Entry]) -> dict[str, Any]:
-        return {k: plain(e.value) if isinstance(e.value, dict) else e.value for k, e in table.items()}
+        return {
+            k: plain(e.value) if isinstance(e.value, dict) else e.value for k, e in table.items()
+        }
 
     def merged(default: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
         return plain(merge(entry(default).value, entry(own, 2).value))
@@ -254,10 +307,14 @@ def test_defaults_of_joints_fill_what_a_joint_does_not_state() -> None:
     assert merged({"a": 1, "b": 2}, {"b": 3}) == {"a": 1, "b": 3}
     gear = {"gear": {"type": "x", "ratio": 100, "loss": 1}}
     assert merged(gear, {"gear": {"ratio": 50}}) == {"gear": {"type": "x", "ratio": 50, "loss": 1}}
-    assert merged(gear, {"gear": {"type": "x", "ratio": 50}}) == {"gear": {"type": "x", "ratio": 50, "loss": 1}}
+    assert merged(gear, {"gear": {"type": "x", "ratio": 50}}) == {
+        "gear": {"type": "x", "ratio": 50, "loss": 1}
+    }
     assert merged(gear, {"gear": {"type": "y"}}) == {"gear": {"type": "y"}}
     assert merged({"gear": {"ratio": 100}}, {"gear": {"type": "y"}}) == {"gear": {"type": "y"}}
-    assert merged({"gear": {"ratio": 100}}, {"gear": {"loss": 2}}) == {"gear": {"ratio": 100, "loss": 2}}
+    assert merged({"gear": {"ratio": 100}}, {"gear": {"loss": 2}}) == {
+        "gear": {"ratio": 100, "loss": 2}
+    }
     spring = {"spring": {"stiffness": 3}}
     assert merged(gear | {"motor": {"inertia": 1}, "a": 1}, spring) == spring | {"a": 1}
     assert merged(gear, {"gear": 5}) == {"gear": 5}
@@ -267,15 +324,23 @@ def test_defaults_of_joints_fill_what_a_joint_does_not_state() -> None:
 
 def test_harmonics_of_counterbalances_are_counted() -> None:
     model = flexgen.read("elbow")
-    words = f"counterbalance: given {HARMONICS} harmonics for 'q1', expected {HARMONICS - 1} at most"
+    words = (
+        f"counterbalance: given {HARMONICS} harmonics for 'q1', expected {HARMONICS - 1} at most"
+    )
     with pytest.raises(ArgumentError) as caught:
         identify_rigid(model, [], counterbalance={"q1": HARMONICS})
     assert str(caught.value) == words
     for given in ({"q9": 1}, {"q1": 0}, {"q1": 1.5}):
-        with pytest.raises(ArgumentError, match=r"^counterbalance: given .*, expected one of q1, q2 and >= 1$"):
+        with pytest.raises(
+            ArgumentError, match=r"^counterbalance: given .*, expected one of q1, q2 and >= 1$"
+        ):
             identify_rigid(model, [], counterbalance=given)
-    with pytest.raises(ArgumentError, match=r"^motions, prior: expected at least one motion and a deviation > 0$"):
+    with pytest.raises(
+        ArgumentError, match=r"^motions, prior: expected at least one motion and a deviation > 0$"
+    ):
         identify_rigid(model, [], counterbalance={"q1": HARMONICS - 1})
     motion: Any = SimpleNamespace(q=np.zeros((3, 2)), tau_m=np.zeros((3, 3)))
-    with pytest.raises(ArgumentError, match=r"^motion: given 2 joints and 3 motors, expected 2, 2$"):
+    with pytest.raises(
+        ArgumentError, match=r"^motion: given 2 joints and 3 motors, expected 2, 2$"
+    ):
         identify_rigid(model, [motion])

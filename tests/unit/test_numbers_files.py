@@ -31,7 +31,9 @@ from flexgen.spec import keys, number_edit, tables, toml_lines
 
 # --- shared libraries in ELF -----------------------------------------------------------------------------------------
 
-wide_little = pytest.mark.skipif(sys.maxsize <= 2**32 or sys.byteorder != "little", reason="made for 64 bits")
+wide_little = pytest.mark.skipif(
+    sys.maxsize <= 2**32 or sys.byteorder != "little", reason="made for 64 bits"
+)
 
 
 def elf(segments: Any = ((1, 0, 64, 64),), **changes: Any) -> bytes:
@@ -62,7 +64,8 @@ def elf(segments: Any = ((1, 0, 64, 64),), **changes: Any) -> bytes:
         0,
     )
     return head + b"".join(
-        struct.pack("<IIQQQQQQ", kind, 5, start, 0, 0, size, memory, 8) for kind, start, size, memory in segments
+        struct.pack("<IIQQQQQQ", kind, 5, start, 0, 0, size, memory, 8)
+        for kind, start, size, memory in segments
     )
 
 
@@ -74,8 +77,14 @@ def elf(segments: Any = ((1, 0, 64, 64),), **changes: Any) -> bytes:
         (elf(((6, 64, 56, 0), (1, 100, 76, 76))), None),
         (elf()[:63], "no shared library (its ELF header is missing or cut)"),
         (elf(magic=b"\x7fELG\x02\x01"), "no shared library (its ELF header is missing or cut)"),
-        (elf(magic=b"\x7fELF\x01\x01"), "a library of other addresses or byte order, expected 64 bits, little-endian"),
-        (elf(magic=b"\x7fELF\x02\x02"), "a library of other addresses or byte order, expected 64 bits, little-endian"),
+        (
+            elf(magic=b"\x7fELF\x01\x01"),
+            "a library of other addresses or byte order, expected 64 bits, little-endian",
+        ),
+        (
+            elf(magic=b"\x7fELF\x02\x02"),
+            "a library of other addresses or byte order, expected 64 bits, little-endian",
+        ),
         (elf(kind=2), "an ELF file of kind 2, expected a shared library"),
         (elf(machine=7), "a library for another processor (ELF machine 7), expected "),
         (elf(size=55), "a cut or garbled library (its table of segments)"),
@@ -84,11 +93,16 @@ def elf(segments: Any = ((1, 0, 64, 64),), **changes: Any) -> bytes:
         (elf(count=0xFFFF), "a cut or garbled library (its table of segments)"),
         (elf(((1, 0, 120, 120),)), None),
         (elf(((1, 1, 120, 120),)), "a cut or garbled library (segment 0 ends at byte 121 of 120)"),
-        (elf(((1, 0, 10, 10), (1, 0, 20, 19))), "a cut or garbled library (segment 1 ends at byte 20 of 176)"),
+        (
+            elf(((1, 0, 10, 10), (1, 0, 20, 19))),
+            "a cut or garbled library (segment 1 ends at byte 20 of 176)",
+        ),
         (elf(((6, 0, 64, 63),)), "a garbled library (nothing in it is to be loaded)"),
     ],
 )
-def test_a_library_is_mapped_only_if_its_segments_are_whole(content: bytes, problem: str | None) -> None:
+def test_a_library_is_mapped_only_if_its_segments_are_whole(
+    content: bytes, problem: str | None
+) -> None:
     found = files._elf_problem(content)
     assert found == problem or (
         problem is not None and problem.endswith("expected ") and str(found).startswith(problem)
@@ -105,17 +119,27 @@ def table(text: str) -> tables.Table:
 def test_values_are_shown_as_in_a_model_file() -> None:
     shown = tables.show({"a b": [1, 2.5, True], "c": 'say "é"\n', "d": {"e": False}}, 200)
     assert shown == '{"a b" = [1, 2.5, true], c = "say \\"\\xe9\\"\\n", d = {e = false}}'
-    assert tables.show("x" * 78) == '"' + "x" * 78 + '"' and tables.show("x" * 79) == '"' + "x" * 76 + "..."
+    assert (
+        tables.show("x" * 78) == '"' + "x" * 78 + '"'
+        and tables.show("x" * 79) == '"' + "x" * 76 + "..."
+    )
     assert tables.show(10**5000) == "a huge number"
     assert tables.bare("a-b_1[0]") == "a-b_1[0]" and tables.bare("a b") == '"a b"'
     assert tables.closest("mas", ["mass", "com"]) == "mass (there are: com, mass)"
-    assert tables.closest("zzz", ["mass", "com"]) == "one of com, mass" and tables.closest("a", []) == "no key"
+    assert (
+        tables.closest("zzz", ["mass", "com"]) == "one of com, mass"
+        and tables.closest("a", []) == "no key"
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "call", "told"),
     [
-        ("v = [1, 2]", lambda t: t.vector("v", 3), r"x.toml:1:v: given \[1, 2\], expected a list of 3 numbers"),
+        (
+            "v = [1, 2]",
+            lambda t: t.vector("v", 3),
+            r"x.toml:1:v: given \[1, 2\], expected a list of 3 numbers",
+        ),
         ("v = [1, 2]", lambda t: t.vector("v", [1, 3]), "expected a list of 1 or 3 numbers"),
         (
             "v = [1, 2]",
@@ -123,7 +147,11 @@ def test_values_are_shown_as_in_a_model_file() -> None:
             r"expected a list of 3 to 5 numbers \(each\)",
         ),
         ("v = 5", lambda t: t.vector("v", 1), "given 5, expected a list of 1 number$"),
-        ('v = [1,\n"a"]', lambda t: t.vector("v", 2), r"x.toml:2:v: given \[1, \"a\"\], expected a list of 2 numbers"),
+        (
+            'v = [1,\n"a"]',
+            lambda t: t.vector("v", 2),
+            r"x.toml:2:v: given \[1, \"a\"\], expected a list of 2 numbers",
+        ),
         ("v = [0, 0, 0]", lambda t: t.axis("v"), "expected a direction that is not zero"),
         (
             "a_rad = 1\na_deg = 2",
@@ -141,7 +169,9 @@ def test_values_are_shown_as_in_a_model_file() -> None:
         ("f = 1", lambda t: t.flag("f"), "given 1, expected true or false"),
     ],
 )
-def test_wrong_values_of_tables_are_named_with_line_and_expectation(text: str, call: Any, told: str) -> None:
+def test_wrong_values_of_tables_are_named_with_line_and_expectation(
+    text: str, call: Any, told: str
+) -> None:
     with pytest.raises(ModelError, match=told):
         call(table(text))
 
@@ -160,7 +190,12 @@ def test_values_of_tables_and_their_defaults() -> None:
         t.choice("c", ("line", "arc"), default="arc") == "line"
         and t.choice("d", ("line", "arc"), default="arc") == "arc"
     )
-    assert t.unit_key("none", required=False) is None and "v" in t and "w" not in t and t.path(None) == ""
+    assert (
+        t.unit_key("none", required=False) is None
+        and "v" in t
+        and "w" not in t
+        and t.path(None) == ""
+    )
     where = tables.Where("f", 7, "joint[0]", (("lower_deg", 9), ("axis", 8)))
     assert [where.find(x) for x in ("lower", "axis", "upper")] == [
         ("joint[0].lower_deg", 9),
@@ -175,7 +210,9 @@ def test_lines_of_entries_and_the_longest_line() -> None:
     assert (y.line, y.value["b"].line, y.value["b"].value[1].line) == (2, 3, 4)
     assert [entry.line for entry in m] == [5, 7] and m[1].value["n"].value["e"].line == 10
     assert toml_lines.parse("a = 1234", width=8).value["a"].value == 1234
-    with pytest.raises(toml_lines.TextError, match="line 2: given a line of 9 characters, expected at most 8"):
+    with pytest.raises(
+        toml_lines.TextError, match="line 2: given a line of 9 characters, expected at most 8"
+    ):
         toml_lines.parse("a = 1\na = 12345", width=8)
     with pytest.raises(toml_lines.TextError, match=r"line 2: given text that is not TOML \("):
         toml_lines.parse("a = 1\nb = = 2")
@@ -187,7 +224,9 @@ def test_schemas_of_lists_have_the_lengths_that_are_read() -> None:
     assert keys.list_of(number) == plain
     assert keys.list_of(number, 3) == plain | {"minItems": 3, "maxItems": 3}
     assert keys.list_of(number, range(2, 6)) == plain | {"minItems": 2, "maxItems": 5}
-    assert keys.list_of(number, 3, 6) == plain | {"anyOf": [{"minItems": n, "maxItems": n} for n in (3, 6)]}
+    assert keys.list_of(number, 3, 6) == plain | {
+        "anyOf": [{"minItems": n, "maxItems": n} for n in (3, 6)]
+    }
     schema = keys.direction().schema
     assert (schema["minItems"], schema["maxItems"]) == (3, 3)
     assert keys.whole(2, 5).schema == {"type": "integer", "minimum": 2, "maximum": 5}
@@ -196,21 +235,31 @@ def test_schemas_of_lists_have_the_lengths_that_are_read() -> None:
 def test_edits_of_numbers_find_what_is_there_and_name_what_is_not() -> None:
     text = "a = [1.0, 2.0]\n[b]\nc = 3.0\n[[d]]\ne = 4.0\n"
     root = toml_lines.parse(text)
-    assert number_edit._resolve(root, "a.1", "f") == (("a", 1), ()) and number_edit._resolve(root, "a.2", "f") == (
+    assert number_edit._resolve(root, "a.1", "f") == (("a", 1), ()) and number_edit._resolve(
+        root, "a.2", "f"
+    ) == (
         ("a",),
         ("2",),
     )
-    assert number_edit._resolve(root, "b.c", "f") == (("b", "c"), ()) and number_edit._resolve(root, "b.x.y", "f") == (
+    assert number_edit._resolve(root, "b.c", "f") == (("b", "c"), ()) and number_edit._resolve(
+        root, "b.x.y", "f"
+    ) == (
         ("b",),
         ("x", "y"),
     )
-    assert number_edit._resolve(root, "x", "f") == ((), ("x",)) and number_edit._resolve(root, "d.0.e", "f") == (
+    assert number_edit._resolve(root, "x", "f") == ((), ("x",)) and number_edit._resolve(
+        root, "d.0.e", "f"
+    ) == (
         ("d", 0, "e"),
         (),
     )
-    with pytest.raises(ModelError, match=r"f:3:b\.c\.x: given nothing of this name, expected a part of the model"):
+    with pytest.raises(
+        ModelError, match=r"f:3:b\.c\.x: given nothing of this name, expected a part of the model"
+    ):
         number_edit._resolve(root, "b.c.x.y", "f")
-    with pytest.raises(ModelError, match=rf"f:1:a\.{number_edit.LONGEST}: given nothing of this name"):
+    with pytest.raises(
+        ModelError, match=rf"f:1:a\.{number_edit.LONGEST}: given nothing of this name"
+    ):
         number_edit._resolve(root, f"a.{number_edit.LONGEST}", "f")
     assert (
         number_edit._plain({"1": 2.0}) == "[0.0, 2.0, 0.0]"
@@ -224,12 +273,21 @@ def test_edits_of_numbers_find_what_is_there_and_name_what_is_not() -> None:
 
 def test_angles_in_degrees_are_exact_at_quarter_turns() -> None:
     for k, exact in enumerate(((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0))):
-        assert format_robot._cos_sin(90.0 * k, True) == exact and format_robot._cos_sin(k * math.pi / 2, False) == exact
+        assert (
+            format_robot._cos_sin(90.0 * k, True) == exact
+            and format_robot._cos_sin(k * math.pi / 2, False) == exact
+        )
         assert format_robot._cos_sin(90.0 * k - 360.0, True) == exact
     assert format_robot._cos_sin(37.0, True) == pytest.approx(
         (math.cos(math.radians(37)), math.sin(math.radians(37))), rel=1e-15
     )
-    assert [format_robot._snap(x) for x in (1 - 9e-16, -1 + 9e-16, 5e-16, 2e-15, 0.5)] == [1.0, -1.0, 0.0, 2e-15, 0.5]
+    assert [format_robot._snap(x) for x in (1 - 9e-16, -1 + 9e-16, 5e-16, 2e-15, 0.5)] == [
+        1.0,
+        -1.0,
+        0.0,
+        2e-15,
+        0.5,
+    ]
 
 
 def test_coordinates_of_a_chain_have_names_units_and_modes() -> None:
@@ -268,7 +326,10 @@ def test_the_home_of_a_joint_is_zero_or_within_its_limits(
 ) -> None:
     limit = None if lower is None and upper is None else Made(lower=lower, upper=upper)
     made: Any = Made(
-        joints={}, urdf=Made(limit=lambda joint: limit), limits=True, _flag=lambda table, name, default: default
+        joints={},
+        urdf=Made(limit=lambda joint: limit),
+        limits=True,
+        _flag=lambda table, name, default: default,
     )
     segment: Any = Made(joint=Made(name="j"))
     assert overlay._Overlay._home(made, segment) == home
@@ -294,7 +355,9 @@ def test_principal_moments_of_a_link_are_those_of_a_body() -> None:
     assert check([-0.5, 1.0, 1.0], reduced=True) == 1 and told[0][1].startswith(
         "principal moments >= 0 (or in the overlay: [link.arm] body"
     )
-    assert check([-5e-10, 1.0, 1.0], reduced=True) == 0 and check([-5e-9, 1.0, 1.0], reduced=True) == 1
+    assert (
+        check([-5e-10, 1.0, 1.0], reduced=True) == 0 and check([-5e-9, 1.0, 1.0], reduced=True) == 1
+    )
     assert urdf.zero_tiny([1e-300, -2.0]) == [0.0, -2.0]
     many = [f"n{k}" for k in range(9)]
     assert (
@@ -315,13 +378,23 @@ def test_operations_of_steps_are_those_of_elimination_and_of_scalar_products() -
         pairs = [(i, j) for i in range(n) for j in range(profile[i], i)]
         factor = sum(1 + 2 * (n - i) for i, _ in pairs)
         ahead, back = 2 * len(pairs), 2 * sum(range(n)) + n
-        assert solve.width == width and solve.operations == factor + sum(range(n)) + (ahead + back) * width
+        assert (
+            solve.width == width
+            and solve.operations == factor + sum(range(n)) + (ahead + back) * width
+        )
         known = routine.Solve("A", "R", n, columns, unit, profile, (), factored=True)
-        assert known.operations == (ahead + back) * width and (solve.depth, known.depth) == (40 * n, 40 * n)
+        assert known.operations == (ahead + back) * width and (solve.depth, known.depth) == (
+            40 * n,
+            40 * n,
+        )
         assert (solve.stride, solve.matrix_stride, known.matrix_stride) == (80, 80, 80)
     assert [routine._stride(k) for k in (1, 64, 65, 128, 129)] == [80, 80, 144, 144, 208]
     factor = routine.Factor("A", "b", "x", 3, (0, 0, 0))
-    assert factor.operations == (7 + 5 + 5) + 6 + 6 and factor.depth == 90 and factor.matrix_stride == 80
+    assert (
+        factor.operations == (7 + 5 + 5) + 6 + 6
+        and factor.depth == 90
+        and factor.matrix_stride == 80
+    )
     above, below = (
         (routine.Rows("a", 0, 2), routine.Rows("b", 0, 2)),
         (routine.Rows("c", 0, 5), routine.Rows("d", 0, 5)),
@@ -351,11 +424,15 @@ def test_sums_of_products_are_added_in_pairs() -> None:
 # --- poses at rest, parameters of loops ------------------------------------------------------------------------------
 
 
-def test_the_elastic_robot_at_rest_is_where_statics_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_elastic_robot_at_rest_is_where_statics_hold_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Gear deflections and soft joints under gravity; the joints are moved until the tool is at the goal."""
     model = replace(flexgen.read("planar5_nmp"), gravity=(0.0, -9.81, 0.0))
     equations = derive(model)
-    solver: Any = Made(model=model, i_g=list(model.i_g), free=list(model.i_g), length=0.7, _at=np.arange(model.n_g))
+    solver: Any = Made(
+        model=model, i_g=list(model.i_g), free=list(model.i_g), length=0.7, _at=np.arange(model.n_g)
+    )
     solver._solve_deflections = lambda q: _Solver._solve_deflections(solver, q)
     solver._error = lambda *given: _Solver._error(solver, *given)
     solver._miss = lambda goal, full: _Solver._miss(solver, goal, full)
@@ -382,12 +459,17 @@ def test_the_elastic_robot_at_rest_is_where_statics_hold_it(monkeypatch: pytest.
 def test_parameters_of_a_loop_are_one_row_or_one_for_each_lane() -> None:
     def read(given: Any, per_point: bool) -> np.ndarray:
         loop: Any = Made(lanes=4)
-        library: Any = Made(parameter_names=("a", "b"), parameters=np.array([1.0, 2.0]), per_point=per_point)
+        library: Any = Made(
+            parameter_names=("a", "b"), parameters=np.array([1.0, 2.0]), per_point=per_point
+        )
         return ClosedLoop._parameters(loop, library, given)
 
     assert read(None, False).tolist() == [1.0, 2.0] and read([3, 4], False).tolist() == [3.0, 4.0]
     assert read(None, True).tolist() == [[1.0] * 4, [2.0] * 4]
-    assert read(np.arange(8).reshape(4, 2), True).tolist() == [[0.0, 2.0, 4.0, 6.0], [1.0, 3.0, 5.0, 7.0]]
+    assert read(np.arange(8).reshape(4, 2), True).tolist() == [
+        [0.0, 2.0, 4.0, 6.0],
+        [1.0, 3.0, 5.0, 7.0],
+    ]
     for wrong, per_point in (
         ([1.0, 2.0, 3.0], True),
         (np.zeros((4, 2)), False),
@@ -395,17 +477,25 @@ def test_parameters_of_a_loop_are_one_row_or_one_for_each_lane() -> None:
         (np.full((4, 2), np.inf), True),
         (np.zeros((3, 2)), True),
     ):
-        with pytest.raises(ArgumentError, match=r"parameters: given \(.*\), expected \(2,\), finite"):
+        with pytest.raises(
+            ArgumentError, match=r"parameters: given \(.*\), expected \(2,\), finite"
+        ):
             read(wrong, per_point)
 
 
 def test_units_of_an_output_are_those_of_its_coordinates_where_they_differ() -> None:
     coordinates = (Made(unit="rad"), Made(unit="m"))
-    output = Made(type="combination", size=2, unit="mixed", weights=np.array([[0.5, -3.0], [2.0, 0.0]]))
+    output = Made(
+        type="combination", size=2, unit="mixed", weights=np.array([[0.5, -3.0], [2.0, 0.0]])
+    )
     gantry: Any = Made(output=output, coordinates=coordinates)
     assert output_units(gantry) == ("m", "rad") and unit_of(gantry) == "m"
     assert columns_in(gantry, "rad") == [1] and columns_in(gantry, "m") == [0]
     angles: Any = Made(output=Made(type="combination", size=3, unit="rad"), coordinates=())
-    assert output_units(angles) == ("rad",) * 3 and unit_of(angles) == "rad" and columns_in(angles, "m") == []
+    assert (
+        output_units(angles) == ("rad",) * 3
+        and unit_of(angles) == "rad"
+        and columns_in(angles, "m") == []
+    )
     for kind, size, width in (("tool_pose", 6, 3), ("tool_position", 2, 2)):
         assert output_units(Made(output=Made(type=kind, size=size))) == ("m",) * width  # type: ignore[arg-type]

@@ -19,11 +19,19 @@ TURNED = [0.3, -0.2, 0.1, 2.0, 0.8, -1.0]  # of an element: m, rad
 FRAME = np.array([1.0, 2.0, -0.5, 0.4, -0.6, 2.0])
 
 
-def case(poses: int, *, element: str = "body2", shift: list[float] = TURNED) -> tuple[Statics, Numbers, list[int]]:
+def case(
+    poses: int, *, element: str = "body2", shift: list[float] = TURNED
+) -> tuple[Statics, Numbers, list[int]]:
     """A rigid robot with an element and trackers at other places, seen from another frame."""
     trackers = [
         {"name": "t", "type": "tracker", "unit": "m", "position": [0.05, 0.02, 0.1]},
-        {"name": "u", "type": "tracker", "unit": "m", "element": "body1", "position": [0.1, 0.0, 0.05]},
+        {
+            "name": "u",
+            "type": "tracker",
+            "unit": "m",
+            "element": "body1",
+            "position": [0.1, 0.0, 0.05],
+        },
     ]
     tree = Tree(flexgen.read("manutec_r3", overrides={"sensor": trackers}))
     at = [tree.index[f"{element}.{name}"] for name in SHIFTS]
@@ -32,10 +40,16 @@ def case(poses: int, *, element: str = "body2", shift: list[float] = TURNED) -> 
     shifts = true.shifts.copy()
     shifts[at] = shift
     none = np.zeros(len(tree.elastic))
-    return statics, replace(true, shifts=shifts, frame=FRAME, trackers=true.trackers + 0.1, compliances=none), at
+    return (
+        statics,
+        replace(true, shifts=shifts, frame=FRAME, trackers=true.trackers + 0.1, compliances=none),
+        at,
+    )
 
 
-def test_a_turned_element_is_found_with_the_trackers_and_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_turned_element_is_found_with_the_trackers_and_the_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """In 60 rounds; without the element the search ends in the round that lowers the error by less than a part of it.
 
     Positions do not tell a shift along the axis before the element from one of the frame: they are what is equal.
@@ -51,7 +65,9 @@ def test_a_turned_element_is_found_with_the_trackers_and_the_frame(monkeypatch: 
 
     monkeypatch.setattr(frames, "best_pose", counted)
     begin = Numbers.of(statics.tree)
-    error, found = frames._search(statics, measured, ("body2",), replace(begin, compliances=true.compliances))
+    error, found = frames._search(
+        statics, measured, ("body2",), replace(begin, compliances=true.compliances)
+    )
     errors = frames.rigid_errors(statics, measured, found)
     assert np.isnan(errors[[3, 5], [0, 1]]).all() and np.isnan(errors).sum() == 2
     assert error == pytest.approx(np.nanmean(errors), rel=1e-9) and error < 1e-4
@@ -83,9 +99,12 @@ def test_one_step_places_an_element_and_the_trackers_where_they_are() -> None:
     rest = statics.rest(wrong, rigid=True)
     found = frames._place_element(statics, rest, wrong, "body2", y, valid)
     expected = Rotation.from_euler("XYZ", TURNED[3:]).as_matrix()
-    assert_allclose(Rotation.from_euler("XYZ", found.shifts[at[3:]]).as_matrix(), expected, atol=1e-12)
+    assert_allclose(
+        Rotation.from_euler("XYZ", found.shifts[at[3:]]).as_matrix(), expected, atol=1e-12
+    )
     assert_allclose(found.shifts[at[:3]], TURNED[:3], atol=1e-12)
-    with_nothing = replace(statics.tree.model, sensors=statics.tree.model.sensors[1:])  # none on the element
+    # none on the element
+    with_nothing = replace(statics.tree.model, sensors=statics.tree.model.sensors[1:])
     alone = Statics(Tree(with_nothing), statics.commands)
     one = replace(wrong, trackers=wrong.trackers[1:])
     rest_alone = alone.rest(one, rigid=True)
@@ -94,7 +113,9 @@ def test_one_step_places_an_element_and_the_trackers_where_they_are() -> None:
     lost = replace(true, trackers=np.zeros((2, 3)))
     moved, points = frames._place_trackers(statics, statics.rest(lost, rigid=True), lost, y, valid)
     assert_allclose(moved.trackers, true.trackers, atol=1e-12)
-    assert_allclose(FRAME[:3] + points @ Rotation.from_euler("XYZ", FRAME[3:]).as_matrix().T, shown, atol=1e-12)
+    assert_allclose(
+        FRAME[:3] + points @ Rotation.from_euler("XYZ", FRAME[3:]).as_matrix().T, shown, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("lost", "taken"), [(5, 63), (70, 60), (71, 130)])
@@ -107,7 +128,9 @@ def test_the_search_begins_from_eight_attitudes_on_some_of_the_poses(
     measured[:lost, 1, 2] = np.nan
     calls: list[Any] = []
 
-    def search(part: Statics, y: np.ndarray, placed: Any, numbers: Numbers, rounds: int = 60) -> tuple[float, Numbers]:
+    def search(
+        part: Statics, y: np.ndarray, placed: Any, numbers: Numbers, rounds: int = 60
+    ) -> tuple[float, Numbers]:
         calls.append((len(part.commands), len(y), numbers.shifts[at], rounds))
         return abs(len(calls) - 6.0), replace(numbers, frame=np.full(6, float(len(calls))))
 
@@ -116,7 +139,12 @@ def test_the_search_begins_from_eight_attitudes_on_some_of_the_poses(
     assert [call[:2] for call in calls] == [(taken, taken)] * 8 + [(130, 130)]
     assert [call[3] for call in calls] == [10] * 8 + [60] and found.frame[0] == 9.0
     turns = np.array([call[2] for call in calls])
-    assert not turns[0].any() and not turns[:, :3].any() and turns[1:8, 3:].all() and 2 < np.abs(turns).max() < np.pi
+    assert (
+        not turns[0].any()
+        and not turns[:, :3].any()
+        and turns[1:8, 3:].all()
+        and 2 < np.abs(turns).max() < np.pi
+    )
     assert_allclose(turns[8], turns[5])  # of the smallest error
 
 
@@ -129,9 +157,13 @@ def test_a_search_from_the_frame_of_the_file_follows_where_the_first_error_is_la
     begun: list[np.ndarray] = []
     answers = {"errors": [0.0999, 0.0]}
 
-    def search(part: Statics, y: np.ndarray, placed: Any, numbers: Numbers) -> tuple[float, Numbers]:
+    def search(
+        part: Statics, y: np.ndarray, placed: Any, numbers: Numbers
+    ) -> tuple[float, Numbers]:
         begun.append(numbers.frame)
-        return answers["errors"][len(begun) - 1], replace(numbers, frame=np.full(6, float(len(begun))))
+        return answers["errors"][len(begun) - 1], replace(
+            numbers, frame=np.full(6, float(len(begun)))
+        )
 
     monkeypatch.setattr(frames, "_search", search)
     assert frames.start_frames(statics, measured, ()).frame[0] == 1.0 and len(begun) == 1

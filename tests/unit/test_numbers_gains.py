@@ -25,7 +25,12 @@ def two_masses() -> Any:
     """Two masses of 1 and 2 kg with a spring between them; the second one is driven, its position is measured."""
     K = 40.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     inverse = np.diag([1.0, 0.5])
-    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ K, -0.3 * inverse @ np.array([[1.0, -1.0], [-1.0, 1.0]])]])
+    A = np.block(
+        [
+            [np.zeros((2, 2)), np.eye(2)],
+            [-inverse @ K, -0.3 * inverse @ np.array([[1.0, -1.0], [-1.0, 1.0]])],
+        ]
+    )
     drive, push = np.array([[0.0], [0.0], [0.0], [0.5]]), np.zeros((4, 3))
     push[2, 0] = 1.0
     C, D = np.array([[0.0, 1.0, 0.0, 0.0]]), np.zeros((1, 1))
@@ -39,7 +44,11 @@ def test_eigenvalues_of_a_loop_are_those_of_its_gain_and_of_its_observer(delay: 
     options = LQG(rho=0.5)
     made: Any = object.__new__(_Design)
     made.model, made.sample_s, made.delay_s, made.options = Made(n_m=1), h, delay, options
-    made.poses, made.u_max, made.noise = Made(at=lambda motion: at), np.array([3.0]), np.array([1e-8])
+    made.poses, made.u_max, made.noise = (
+        Made(at=lambda motion: at),
+        np.array([3.0]),
+        np.array([1e-8]),
+    )
     made.tool_force = 50.0
     A, B, C, D = made.part([])
     F, G = sample_model(at.A, at.B, h, delay)
@@ -89,7 +98,9 @@ def test_a_gain_on_the_state_is_a_recursion_in_angles(exact: bool) -> None:
     n_a, n_m, h, under_way = 2, 2, 5e-3, 2
     K = rng.normal(size=(n_m, 2 * 4 + under_way * n_m))
     links, first = np.array([3, 2]), 4
-    motion: Any = Made(model=Made(n_a=n_a, n_m=n_m), sample_s=h, exact_state=exact, state_channel=first)
+    motion: Any = Made(
+        model=Made(n_a=n_a, n_m=n_m), sample_s=h, exact_state=exact, state_channel=first
+    )
     n_y = 4 + 8 * exact
     A, B, C, D = LQ()._part(K, motion, None if exact else links, n_y)
     z, torques, before = np.zeros(len(A)), [np.zeros(n_m)] * under_way, np.zeros(4)
@@ -112,28 +123,46 @@ def test_laws_on_the_motors_have_gains_of_their_frequency(monkeypatch: pytest.Mo
     model = flexgen.read("elbow")
     asked: list[Any] = []
     table = np.arange(5 * 4 * 2.0).reshape(5, 4, 2)
-    reference = Made(time=np.arange(5), held=np.arange(10.0).reshape(5, 2), points=lambda k: asked.append(k.tolist()))
+    reference = Made(
+        time=np.arange(5),
+        held=np.arange(10.0).reshape(5, 2),
+        points=lambda k: asked.append(k.tolist()),
+    )
     motion: Any = Made(
-        model=model, reference=reference, timing=lambda: "timing", difference=lambda x: x, steps_per_s=7.0
+        model=model,
+        reference=reference,
+        timing=lambda: "timing",
+        difference=lambda x: x,
+        steps_per_s=7.0,
     )
     motion.arm, motion.state_channel = lambda ahead: table, -1
-    for name, value in (("_rigid_obstacle", None), ("refuse_harmonics", None), ("library_with", "library")):
+    for name, value in (
+        ("_rigid_obstacle", None),
+        ("refuse_harmonics", None),
+        ("library_with", "library"),
+    ):
         monkeypatch.setattr(linearising, name, lambda *given, value=value: value)
     monkeypatch.setattr(linearising, "BoundLaw", lambda *given: given)
     checked: list[Any] = []
     monkeypatch.setattr(
-        linearising.ComputedTorque, "_check", lambda self, motion, gains: checked.append(gains.tolist())
+        linearising.ComputedTorque,
+        "_check",
+        lambda self, motion, gains: checked.append(gains.tolist()),
     )
     w = 2 * np.pi * 5.0
     bound: Any = inspect.unwrap(linearising.ComputedTorque.bound)
     law = bound(linearising.ComputedTorque(frequency_hz=5.0), motion)
-    assert law[3:5] == (("rows", "friction"), "timing") and law[7:9] == (-1, None) and law[10] == 7.0
+    assert (
+        law[3:5] == (("rows", "friction"), "timing") and law[7:9] == (-1, None) and law[10] == 7.0
+    )
     assert_allclose(law[5], table[:, :3].reshape(5, 6))
     assert_allclose(law[6], np.repeat([[w * w], [2 * w], [0.0], [0.0]], 2, axis=1))
     assert law[9].tolist() == [0.0, 1.0] and checked == [[w * w, 2 * w, 0.0, 0.0]]
     bound(linearising.ComputedTorque(frequency_hz=5.0, allow_unstable=True), motion)
     assert len(checked) == 1
-    monkeypatch.setattr(motor_laws, "motor_inertias", lambda model, points: (np.array([2.0, 3.0]), None))
+    monkeypatch.setattr(
+        motor_laws, "motor_inertias", lambda model, points: (np.array([2.0, 3.0]), None)
+    )
     k_p, k_d = motor_laws.TomeiPD(frequency_hz=5.0, damping=0.7)._gains(motion)
     assert_allclose(k_p, w * w * np.array([2.0, 3.0]))
     assert_allclose(k_d, 2 * 0.7 * w * np.array([2.0, 3.0]))
@@ -148,7 +177,11 @@ def test_texts_as_latex_and_as_comments_of_structured_text() -> None:
     lines = text._comment(words + "(* x *) $ \u00e9", "  ").splitlines()
     assert len(lines) == 3 and lines[0].startswith("  (* word") and lines[-1] == "     * x * ) S *)"
     assert lines[1].startswith("     word") and lines[1].endswith("hyphens (")
-    assert {part for line in lines[:-1] for part in line.split()} == {"(*", "word-with-hyphens", "("}
+    assert {part for line in lines[:-1] for part in line.split()} == {
+        "(*",
+        "word-with-hyphens",
+        "(",
+    }
     assert text._comment("short", "") == "(* short *)\n" and all(len(line) <= 115 for line in lines)
 
 
@@ -156,10 +189,14 @@ def test_the_force_that_the_filter_expects_is_small_for_small_robots() -> None:
     """50 N were 160 times the weight of a robot of 32 g, and its controller failed."""
     sizes = {"planar5_nmp": 50.0, "beam_arm": 8.0 + 0.8}
     for name, force in sizes.items():
-        assert _Design(flexgen.read(name), 5e-4, 0.0, LQG()).tool_force == pytest.approx(force, rel=1e-12)
+        assert _Design(flexgen.read(name), 5e-4, 0.0, LQG()).tool_force == pytest.approx(
+            force, rel=1e-12
+        )
 
 
-def test_state_feedback_has_gains_of_its_own_for_each_part_of_a_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_state_feedback_has_gains_of_its_own_for_each_part_of_a_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """81 samples: 27 parts of 3, since at most 40; the poses of the parts have other masses, and so other gains."""
 
     class Poses:
@@ -182,7 +219,12 @@ def test_state_feedback_has_gains_of_its_own_for_each_part_of_a_motion(monkeypat
 
     reference = Made(time=np.arange(81.0), parts=parts)
     motion: Any = Made(
-        model=model, reference=reference, sample_s=0.01, delay_s=0.004, exact_state=True, state_channel=1
+        model=model,
+        reference=reference,
+        sample_s=0.01,
+        delay_s=0.004,
+        exact_state=True,
+        state_channel=1,
     )
     motion.link_channels = lambda law: None
     monkeypatch.setattr(state_lq, "PoseModels", Poses)
@@ -200,4 +242,7 @@ def test_state_feedback_has_gains_of_its_own_for_each_part_of_a_motion(monkeypat
     rigid: Any = Made(model=Made(name="drive", n_a=1, n_m=1, dof=1))
     with pytest.raises(ArgumentError) as caught:
         bound(LQ(), rigid)
-    assert str(caught.value) == "controller LQ: given the model drive with rigid gears, expected elastic ones"
+    assert (
+        str(caught.value)
+        == "controller LQ: given the model drive with rigid gears, expected elastic ones"
+    )

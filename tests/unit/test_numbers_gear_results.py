@@ -26,7 +26,11 @@ class Linear:
     def __init__(self, noise: float, late: float) -> None:
         rng = np.random.default_rng(7)
         self.parts = self.shapes = self.errors = self.bent = 2
-        self.count, self.start, self.sought = 0, np.array([1.0, 1.0, 0.0, 0.0]), Made(exponents=False)
+        self.count, self.start, self.sought = (
+            0,
+            np.array([1.0, 1.0, 0.0, 0.0]),
+            Made(exponents=False),
+        )
         waves = rng.normal(size=(1500, 6))
         self.J = np.zeros((1500, 2, 4))
         self.J[:, 0, 0], self.J[:, 1, 0], self.J[:, 0, 1], self.J[:, 1, 1] = waves[:, :4].T
@@ -44,7 +48,9 @@ class Linear:
         J = self.J + motion[1] * self.change[motion[0]]
         return np.array([J @ theta for theta in points])
 
-    def derivatives(self, theta: np.ndarray, motion: tuple[int, float]) -> tuple[np.ndarray, np.ndarray]:
+    def derivatives(
+        self, theta: np.ndarray, motion: tuple[int, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
         J = self.J + motion[1] * self.change[motion[0]]
         return J @ theta - self.measured, J
 
@@ -69,11 +75,16 @@ def test_a_linear_fit_is_that_of_least_squares(monkeypatch: pytest.MonkeyPatch) 
     assert found.converged and (np.abs(found.theta - expected) < 1.2 * sd).all()
     assert_allclose(np.sqrt(np.diag(found.covariance)), sd, rtol=0.25)
     assert_allclose(found.error, made.J @ found.theta - made.measured, atol=1e-3)
-    assert lines[-2:] == ["subtracting the part of the noise: step 1", "subtracting the part of the noise: step 2"]
+    assert lines[-2:] == [
+        "subtracting the part of the noise: step 1",
+        "subtracting the part of the noise: step 2",
+    ]
     assert lines[0].startswith("step 1: ") and lines[0].endswith(" % of the torques unexplained")
 
 
-def test_noise_of_the_angles_does_not_make_the_numbers_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_of_the_angles_does_not_make_the_numbers_smaller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Least squares with noisy columns find less than there is; the corrected equations do not."""
     monkeypatch.setattr(fit, "DRAWS", (4, 8))
     made: Any = Linear(0.3, 1e-2)
@@ -81,18 +92,24 @@ def test_noise_of_the_angles_does_not_make_the_numbers_smaller(monkeypatch: pyte
     J, y = made.J.reshape(-1, 4), made.measured.ravel()
     plain = np.linalg.lstsq(J, y, rcond=None)[0]
     sd = np.sqrt(np.diag(found.covariance))
-    assert (np.abs(plain - made.true)[:2] > 5 * sd[:2]).all() and (np.abs(found.theta - made.true) < 3 * sd).all()
+    assert (np.abs(plain - made.true)[:2] > 5 * sd[:2]).all() and (
+        np.abs(found.theta - made.true) < 3 * sd
+    ).all()
     assert found.converged and (sd < 0.02).all() and (sd > 2e-3).all()
 
 
-def entries(harmonics: tuple[int, ...] = (1, 4), cogging: tuple[int, ...] = (2, 3)) -> tuple[Any, np.ndarray]:
+def entries(
+    harmonics: tuple[int, ...] = (1, 4), cogging: tuple[int, ...] = (2, 3)
+) -> tuple[Any, np.ndarray]:
     """A fit of both gears of `elbow`: a parameter, three elements, errors of both gears, and cogging."""
     elements = (Element(0, 4e6, 3e-5), Element(0, 2e6, 6e-5, 2.0), Element(1, 3e6, 4e-5, 1.5, 0.2))
     sought = fit.Sought(elements, True, (0, 1), harmonics, cogging)
     made: Any = Made(sought=sought, at=[0, 0, 1], n_m=2, shapes=4, parts=7, errors=10)
     made.bent = 10 + 4 * len(harmonics)
     n = made.bent + (3 + 2 * len(cogging)) * 2 + 1
-    made.units = np.concatenate([[2.0, 10.0, 20.0, 30.0, 1.0, 2.0, 1.5], np.full(3, 1e-3), np.ones(n - 10)])
+    made.units = np.concatenate(
+        [[2.0, 10.0, 20.0, 30.0, 1.0, 2.0, 1.5], np.full(3, 1e-3), np.ones(n - 10)]
+    )
     return made, 1.0 + np.arange(float(n))
 
 
@@ -104,7 +121,9 @@ def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
     root[1, 2] = 0.02
     covariance = root @ root.T
     stiff: Any = Made(name="q1.stiffness", unit="N m/rad", key="k")
-    numbers = identify._Numbers(robot, [stiff], made, fit.Estimate(theta, covariance, np.zeros((1, 2)), True))
+    numbers = identify._Numbers(
+        robot, [stiff], made, fit.Estimate(theta, covariance, np.zeros((1, 2)), True)
+    )
     found = {number.name: number for number in numbers.all()}
     sd = np.sqrt(np.diag(covariance))
     assert (found["q1.stiffness"].value, found["q1.stiffness"].change) == (2.0, ("k", "", -1))
@@ -112,24 +131,46 @@ def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
     of_first, of_other = "q1.hysteresis.", "q2.hysteresis."
     ratio = robot.motors[0].ratio[0] ** 2  # of its square: a stiffness on the side of the motor
     assert found[of_first + "stiffness_1"].value == pytest.approx(10 * theta[1] / ratio)
-    assert found[of_first + "stiffness"].value == pytest.approx((10 * theta[1] + 20 * theta[2]) / ratio)
+    assert found[of_first + "stiffness"].value == pytest.approx(
+        (10 * theta[1] + 20 * theta[2]) / ratio
+    )
     both = np.array([10.0, 20.0]) @ covariance[1:3, 1:3] @ [10.0, 20.0]
     assert found[of_first + "stiffness"].sd == pytest.approx(np.sqrt(both) / ratio)
-    assert found[of_first + "exponent_2"].value == 2 * theta[5] and found[of_other + "exponent"].value == 1.5 * theta[6]
+    assert (
+        found[of_first + "exponent_2"].value == 2 * theta[5]
+        and found[of_other + "exponent"].value == 1.5 * theta[6]
+    )
     assert found[of_first + "lost_motion"].value == pytest.approx(1e-3 * (theta[7] + theta[8]))
-    assert found[of_other + "lost_motion"].change == ("element.fore.dof.q2.gear.hysteresis", "lost_motion", 0)
+    assert found[of_other + "lost_motion"].change == (
+        "element.fore.dof.q2.gear.hysteresis",
+        "lost_motion",
+        0,
+    )
     assert found[of_first + "lost_motion_2"].change == (f"{model_key}.hysteresis", "lost_motion", 1)
-    assert found[of_first + "lost_motion"].change == ("", "", -1) and of_other + "lost_motion_1" not in found
+    assert (
+        found[of_first + "lost_motion"].change == ("", "", -1)
+        and of_other + "lost_motion_1" not in found
+    )
     at = 10
-    for joint, place in (("q1", "upper"), ("q2", "fore")):  # of each gear the cosines, then the sines
+    # of each gear the cosines, then the sines
+    for joint, place in (("q1", "upper"), ("q2", "fore")):
         for kind in ("cos", "sin"):
             for index, order in enumerate((1, 4)):
                 number = found[f"{joint}.transmission_error.{kind}_{order}"]
-                assert (number.value, number.sd, number.unit) == (theta[at], pytest.approx(sd[at]), "rad")
-                assert number.change == (f"element.{place}.dof.{joint}.gear.transmission_error", kind, index)
+                assert (number.value, number.sd, number.unit) == (
+                    theta[at],
+                    pytest.approx(sd[at]),
+                    "rad",
+                )
+                assert number.change == (
+                    f"element.{place}.dof.{joint}.gear.transmission_error",
+                    kind,
+                    index,
+                )
                 at += 1
     at += 6  # frictions
-    for index, order in enumerate((2, 3)):  # of each harmonic the cosines of all motors, then the sines
+    # of each harmonic the cosines of all motors, then the sines
+    for index, order in enumerate((2, 3)):
         for kind in ("cos", "sin"):
             for motor in ("m1", "m2"):
                 number = found[f"{motor}.cogging.{kind}_{order}"]
@@ -150,10 +191,19 @@ def test_numbers_are_determined_by_half_of_their_size(part: float, known: bool) 
     found = fit.Estimate(theta, np.diag(sd**2), np.zeros((1, 2)), True)
     numbers = identify._Numbers(flexgen.read("elbow"), [stiff], made, found)
     told = {number.name: number.determined for number in numbers.all()}
-    assert told["q1.stiffness"] == told["q2.hysteresis.lost_motion"] == told["q2.hysteresis.exponent"] == known
+    assert (
+        told["q1.stiffness"]
+        == told["q2.hysteresis.lost_motion"]
+        == told["q2.hysteresis.exponent"]
+        == known
+    )
     assert told["q1.hysteresis.lost_motion"] and told["q1.hysteresis.exponent_1"]
     for joint in ("q1", "q2"):
-        assert told[f"{joint}.transmission_error.cos_1"] == told[f"{joint}.transmission_error.sin_1"] == known
+        assert (
+            told[f"{joint}.transmission_error.cos_1"]
+            == told[f"{joint}.transmission_error.sin_1"]
+            == known
+        )
     theta[8] = fit.NO_LOST  # too narrow to be one
     told = {number.name: number.determined for number in numbers.all()}
     assert not told["q1.hysteresis.stiffness_1"] and not told["q1.hysteresis.lost_motion"]
@@ -164,7 +214,8 @@ def test_numbers_are_determined_by_half_of_their_size(part: float, known: bool) 
     [
         ([1.0, 1.0], [2.9, 2.9], True, "FITTED"),
         ([3.5, 1.0], [0.0, 0.0], True, "FITTED"),
-        ([1.0, 3.7], [0.0, 0.0], True, "FITTED"),  # hypot(1.5 * 2, 5e-4 * 4000) = 3.61, 5.0 of the other motor
+        # hypot(1.5 * 2, 5e-4 * 4000) = 3.61, 5.0 of the other motor
+        ([1.0, 3.7], [0.0, 0.0], True, "FITTED"),
         ([3.7, 1.0], [0.0, 0.0], True, "MODEL_ERROR"),
         ([3.5, 1.0], [3.1, 0.0], True, "MODEL_ERROR"),
         ([1.0, 1.0], [[0.0, 3.1], [0.0, 2.9]], True, "NOISE"),
@@ -175,7 +226,11 @@ def test_numbers_are_determined_by_half_of_their_size(part: float, known: bool) 
     ],
 )
 def test_the_status_of_gears_follows_from_residuals(
-    error: list[float], excess: list[Any], converged: bool, status: str, monkeypatch: pytest.MonkeyPatch
+    error: list[float],
+    excess: list[Any],
+    converged: bool,
+    status: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     robot, wave = flexgen.read("elbow"), np.array([[1.0], [-1.0]])
     made: Any = Made(
@@ -193,7 +248,9 @@ def test_the_status_of_gears_follows_from_residuals(
     monkeypatch.setattr(identify, "gears_that_lack_elements", lambda fit, found: tuple(asked))
     found = fit.Estimate(np.array([1.0, 5e-4]), np.eye(2), wave * error, converged)
     result: Any = identify._result(robot, (), made, found)
-    assert result.status is GearStatus[status] and result.joints == ("q2",) and result.delay_s == 1e-3
+    assert (
+        result.status is GearStatus[status] and result.joints == ("q2",) and result.delay_s == 1e-3
+    )
     assert_allclose(result.unexplained, error)
     asked.append(1)
     lacking: Any = identify._result(robot, (), made, found)
@@ -210,13 +267,21 @@ def test_the_status_of_gears_follows_from_residuals(
         ({30.0: "NOISE"}, [30.0], "NOISE"),
         ({30.0: "MODEL_ERROR", 18.0: "FITTED"}, [30.0, 18.0], "NOISE"),
         ({30.0: "NOT_CONVERGED", 18.0: "MODEL_ERROR", 10.8: "FITTED"}, [30.0, 18.0, 10.8], "NOISE"),
-        ({30.0: "MODEL_ERROR", 18.0: "MODEL_ERROR", 10.8: "MODEL_ERROR"}, [30.0, 18.0, 10.8], "MODEL_ERROR"),
+        (
+            {30.0: "MODEL_ERROR", 18.0: "MODEL_ERROR", 10.8: "MODEL_ERROR"},
+            [30.0, 18.0, 10.8],
+            "MODEL_ERROR",
+        ),
         ({30.0: "MODEL_ERROR", 18.0: "too short"}, [30.0, 18.0], "MODEL_ERROR"),
     ],
 )
 @pytest.mark.parametrize("given", [False, True])
 def test_narrower_bands_show_what_noise_hides(
-    answers: dict[float, str], asked: list[float], status: str, given: bool, monkeypatch: pytest.MonkeyPatch
+    answers: dict[float, str],
+    asked: list[float],
+    status: str,
+    given: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """0.6 and 0.36 of the band, unless it was given."""
     bands: list[float] = []
@@ -229,20 +294,30 @@ def test_narrower_bands_show_what_noise_hides(
 
     def result(robot: Any, fitted: Any, model: Any, found: Any) -> Any:
         made = object.__new__(flexgen.GearFit)
-        vars(made).update(status=GearStatus[answers[bands[-1]]], band_hz=bands[-1], numbers=fitted, joints=model)
+        vars(made).update(
+            status=GearStatus[answers[bands[-1]]], band_hz=bands[-1], numbers=fitted, joints=model
+        )
         return made
 
     monkeypatch.setattr(identify, "signals_of", signals)
     monkeypatch.setattr(identify, "GearModel", lambda equations, sought, signals: sought)
     monkeypatch.setattr(identify, "estimate", lambda model, tell: None)
-    monkeypatch.setattr(fit.Sought, "take_out_standstill", lambda sought, found: False, raising=False)
+    monkeypatch.setattr(
+        fit.Sought, "take_out_standstill", lambda sought, found: False, raising=False
+    )
     monkeypatch.setattr(identify, "_result", result)
-    monkeypatch.setattr(identify, "replace", lambda found, status: Made(status=status, band_hz=found.band_hz))
+    monkeypatch.setattr(
+        identify, "replace", lambda found, status: Made(status=status, band_hz=found.band_hz)
+    )
     t = np.array([0.0, 1.0])
-    record = Trajectory(t, {"q_m": np.zeros((2, 2))}, {"q_m": Port("q_m", (2,), "rad", "")}, {"q_m": ("a", "b")})
+    record = Trajectory(
+        t, {"q_m": np.zeros((2, 2))}, {"q_m": Port("q_m", (2,), "rad", "")}, {"q_m": ("a", "b")}
+    )
     lines: list[str] = []
     options: dict[str, Any] = {"band_hz": 30.0} if given else {}
-    found: Any = identify.identify_gears("elbow", record, harmonics=[3, 1], progress=lines.append, **options)
+    found: Any = identify.identify_gears(
+        "elbow", record, harmonics=[3, 1], progress=lines.append, **options
+    )
     first = answers[30.0]
     assert bands == (asked[:1] if given else asked) and found.band_hz == 30.0
     assert found.status is GearStatus[first if given else status]
@@ -250,9 +325,19 @@ def test_narrower_bands_show_what_noise_hides(
     told = [f"{words}: comparing motions below {band:.3g} Hz only" for band in asked[1:]]
     assert [line for line in lines if "comparing" in line] == ([] if given else told)
     if asked == [30.0]:
-        assert [p.name for p in found.numbers] == ["q1.stiffness", "q1.damping", "q2.stiffness", "q2.damping"]
+        assert [p.name for p in found.numbers] == [
+            "q1.stiffness",
+            "q1.damping",
+            "q2.stiffness",
+            "q2.damping",
+        ]
         sought = found.joints
-        assert (sought.errors, sought.harmonics, sought.cogging, sought.exponents) == ((0, 1), (1, 3), (), False)
+        assert (sought.errors, sought.harmonics, sought.cogging, sought.exponents) == (
+            (0, 1),
+            (1, 3),
+            (),
+            False,
+        )
         assert [each.gear for each in sought.elements] == [0, 1]
 
 
@@ -270,7 +355,13 @@ def test_harmonics_are_some_whole_numbers() -> None:
 def record(t: np.ndarray, q_m: np.ndarray) -> Trajectory:
     channels = {"q_m": q_m, "tau_m": q_m}
     ports = {name: Port(name, (x.shape[1],), "rad", "made up") for name, x in channels.items()}
-    return Trajectory(t, channels, ports, {name: tuple(f"m{j}" for j in range(q_m.shape[1])) for name in channels}, {})
+    return Trajectory(
+        t,
+        channels,
+        ports,
+        {name: tuple(f"m{j}" for j in range(q_m.shape[1])) for name in channels},
+        {},
+    )
 
 
 def test_records_that_cannot_be_compared_are_refused() -> None:
@@ -290,7 +381,12 @@ def test_records_that_cannot_be_compared_are_refused() -> None:
             "record: given unequal steps in time, expected the same step between all samples",
         ),
         (record(t, still), 2, None, "record: given motor 2 at rest, expected that all motors move"),
-        (record(t, 0 * q), 2, None, "record: given motor 1, 2 at rest, expected that all motors move"),
+        (
+            record(t, 0 * q),
+            2,
+            None,
+            "record: given motor 1, 2 at rest, expected that all motors move",
+        ),
         (record(t, q), 2, 50.1, "band_hz: given 50.1, expected a number > 0, at most 50 Hz"),
         (record(t, q), 2, 0.0, "band_hz: given 0.0, expected a number > 0, at most 50 Hz"),
         (
@@ -319,7 +415,10 @@ def gear_fit(robot: flexgen.RobotModel, status: GearStatus = GearStatus.FITTED) 
         ("q2.transmission_error.sin_4", -4e-5, (f"{q2}.transmission_error", "sin", 1), True),
         ("m2.cogging.sin_6", 0.05, ("motor.m2.cogging", "sin", 0), True),
     )
-    numbers = tuple(Number(name, value, 0.01 * abs(value), "", change, known) for name, value, change, known in rows)
+    numbers = tuple(
+        Number(name, value, 0.01 * abs(value), "", change, known)
+        for name, value, change, known in rows
+    )
     return GearFit(
         robot=robot,
         numbers=numbers,
@@ -356,7 +455,10 @@ def test_the_model_of_a_fit_has_what_the_record_determines(tmp_path: Path) -> No
     assert "gears identified from motor angles and torques: fitted" in file.read_text()
     wrong = gear_fit(robot, GearStatus.MODEL_ERROR)
     assert wrong.sd["q1.stiffness"] is None and found.sd["q1.stiffness"] == 6e4
-    assert wrong.problem.startswith("model error: The model differs from the record") and found.problem == ""
+    assert (
+        wrong.problem.startswith("model error: The model differs from the record")
+        and found.problem == ""
+    )
     assert wrong.save(tmp_path / "fit.json").read_text().startswith("{")
 
 
@@ -364,6 +466,9 @@ def test_a_fit_is_added_to_the_file_of_its_model_only(tmp_path: Path) -> None:
     """On top of the variant that was identified; a file that has the variant, or no file, is refused."""
     heavy = gear_fit(flexgen.read("elbow@payload")).save(tmp_path / "heavy.toml")
     assert flexgen.read(f"{heavy}@identified").payload == flexgen.read("elbow@payload").payload
-    with pytest.raises(ArgumentError, match=r"^write: given a model of heavy\.toml, which has a variant 'identified'"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"^write: given a model of heavy\.toml, which has a variant 'identified'",
+    ):
         gear_fit(flexgen.read(heavy)).save(tmp_path / "twice.toml")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["heavy.toml"]

@@ -35,8 +35,13 @@ FREE = ["q1.stiffness", "q1.damping"]
 def record_of(seconds: float = 5.2, noise: float = 1e-6, **changes: Any) -> Trajectory:
     """Two motors of `elbow` in a motion by formulas, with torques by other ones."""
     t, rng = 1e-3 * np.arange(int(1e3 * seconds)), np.random.default_rng(5)
-    waves = np.sin(9.0 * t[:, None] * [1.0, 1.3] + [0.0, 1.0]) + 0.4 * np.sin(31.0 * t[:, None] * [1.0, 0.8])
-    torque = 3.0 * np.cos(9.0 * t[:, None] * [1.0, 1.3]) + np.tanh(np.sin(7.0 * t))[:, None] * [1.0, -0.5]
+    waves = np.sin(9.0 * t[:, None] * [1.0, 1.3] + [0.0, 1.0]) + 0.4 * np.sin(
+        31.0 * t[:, None] * [1.0, 0.8]
+    )
+    torque = 3.0 * np.cos(9.0 * t[:, None] * [1.0, 1.3]) + np.tanh(np.sin(7.0 * t))[:, None] * [
+        1.0,
+        -0.5,
+    ]
     channels = {"q_m": 30.0 * waves, "tau_m": torque}
     given = {name: x + noise * rng.normal(size=x.shape) for name, x in channels.items()} | changes
     ports = {name: Port(name, (x.shape[1],), "rad", "made up") for name, x in given.items()}
@@ -48,7 +53,9 @@ def record_of(seconds: float = 5.2, noise: float = 1e-6, **changes: Any) -> Traj
 def robot() -> flexgen.RobotModel:
     """With so much damping that the gears forget how a short motion began."""
     changed = {"upper.dof.q1": 4e4, "fore.dof.q2": 2e4}
-    return flexgen.read("elbow", overrides={f"element.{place}.gear.damping": D for place, D in changed.items()})
+    return flexgen.read(
+        "elbow", overrides={f"element.{place}.gear.damping": D for place, D in changed.items()}
+    )
 
 
 @cache
@@ -69,7 +76,9 @@ def moved() -> np.ndarray:
     model = made()
     theta = model.start * (1.0 + 0.1 * np.cos(np.arange(len(model.start))))
     theta[model.errors : model.bent] = 2e-5 * np.arange(1.0, 1.0 + model.bent - model.errors)
-    theta[model.bent :] = 1e-4 * np.arange(1.0, 1.0 + len(theta) - model.bent) / model.units[model.bent :]
+    theta[model.bent :] = (
+        1e-4 * np.arange(1.0, 1.0 + len(theta) - model.bent) / model.units[model.bent :]
+    )
     return theta
 
 
@@ -88,7 +97,9 @@ def test_signals_in_the_band_of_a_record_are_what_they_were() -> None:
 
 
 @pytest.mark.parametrize("seconds", [5.2, 6.0, 9.0, 20.0])
-def test_white_noise_of_a_record_has_its_standard_deviation_however_short_it_is(seconds: float) -> None:
+def test_white_noise_of_a_record_has_its_standard_deviation_however_short_it_is(
+    seconds: float,
+) -> None:
     """Its spectrum is the mean of pieces of 4 s; where these are few, the median over the lines is below the mean."""
     found = signals_of(record_of(seconds, 1e-4), 2, 12.0)
     assert_allclose(np.array([found.angle_sd, found.torque_sd]).mean(), 1e-4, rtol=0.05)
@@ -130,7 +141,9 @@ def test_torques_of_a_noisy_loop_do_not_hide_a_wrong_law() -> None:
     none = np.zeros((len(theta), len(theta)))
     assert noisy.excess(theta, error, none)[0, 0] > 3.0 * identify.EXCESS
     of_torques = noisy.noise(theta, white)
-    assert_allclose(of_torques, np.hypot(white.std(axis=0), quiet.change_by_noise(theta).std(axis=0)), rtol=0.5)
+    assert_allclose(
+        of_torques, np.hypot(white.std(axis=0), quiet.change_by_noise(theta).std(axis=0)), rtol=0.5
+    )
 
 
 def test_white_torques_are_noise_in_bands_of_few_lines_too() -> None:
@@ -141,7 +154,9 @@ def test_white_torques_are_noise_in_bands_of_few_lines_too() -> None:
     lines = model._bands(model.measured)[0]
     assert lines.min() < 4
     level = (k * model.signals.torque_noise) ** 2 / (2 * lines.sum())
-    found = [model._white(lines, level * rng.gamma(lines, 1.0, (len(lines), 2))) for _ in range(300)]
+    found = [
+        model._white(lines, level * rng.gamma(lines, 1.0, (len(lines), 2))) for _ in range(300)
+    ]
     assert np.mean(np.array(found) < 0.999 * level) < 0.12  # 8 bands, 1 % each
     assert (np.mean(found, axis=0) > 0.95 * level).all()
 
@@ -189,7 +204,12 @@ def test_the_result_of_a_fit_has_the_numbers_of_the_model(converged: bool) -> No
         "q1.hysteresis.lost_motion_2",
     ]
     name = "converged" if converged else "open"
-    check_numbers(f"gear_result_{name}", 1e-5, result=result, known=[number.determined for number in result.numbers])
+    check_numbers(
+        f"gear_result_{name}",
+        1e-5,
+        result=result,
+        known=[number.determined for number in result.numbers],
+    )
 
 
 TORQUES: Any = {"tau_m": np.outer([1.0, 0.0, 1.0, 0.0], [2.0, 6.0])}  # N m, of two motors
@@ -204,7 +224,9 @@ def test_elements_begin_as_those_of_the_model_or_as_fractions_of_the_spring() ->
     assert_allclose([x.K_h for x in found], np.repeat(K, 3) / 3)
     assert_allclose([x.lost / arcmin for x in found], [0.5, 1.0, 2.0] * 2)
     assert {(x.exponent, x.gamma) for x in found} == {(1.0, 0.0)}
-    assert [x.exponent for x in identify._first_elements(robot(), (1,), None, True, TORQUES)] == [2.0]
+    assert [x.exponent for x in identify._first_elements(robot(), (1,), None, True, TORQUES)] == [
+        2.0
+    ]
     table = [
         {"stiffness": 3e3, "lost_motion": 2e-4},
         {"stiffness": 1e3, "lost_motion": 4e-4, "exponent": 3.0, "gamma": 0.3},
@@ -214,13 +236,17 @@ def test_elements_begin_as_those_of_the_model_or_as_fractions_of_the_spring() ->
     assert [(x.K_h, x.exponent, x.gamma) for x in own] == [(3e3, 2.0, 0.0), (1e3, 3.0, 0.3)]
     assert_allclose([x.lost for x in own], [2e-4, 4e-4])
     assert len(identify._first_elements(bent, (0,), 1, False, TORQUES)) == 1
-    with pytest.raises(ArgumentError, match="given the law Logistic, expected that of Bouc and Wen"):
+    with pytest.raises(
+        ArgumentError, match="given the law Logistic, expected that of Bouc and Wen"
+    ):
         identify._first_elements(with_law("elbow"), (0,), None, False, TORQUES)
 
 
 @pytest.mark.parametrize("given", [0, 9, True])
 def test_counts_of_elements_have_bounds(given: Any) -> None:
-    with pytest.raises(ArgumentError, match=f"elements: given {given}, expected a whole number from 1 to 8"):
+    with pytest.raises(
+        ArgumentError, match=f"elements: given {given}, expected a whole number from 1 to 8"
+    ):
         identify._first_elements(robot(), (0,), given, False, TORQUES)
 
 
@@ -228,7 +254,8 @@ def test_lost_motions_of_translations_are_found_against_their_deflections() -> N
     """With 1 arcmin read as 291 um a lost motion below 5.8 um was none."""
     sliding = flexgen.read("elbow", overrides={"element.fore.dof.q2.type": "translation"})
     first, second = identify._first_elements(sliding, (0, 1), None, False, TORQUES)
-    slide = float(3.0 * sliding.eta[1, 1] / 4.0999e6)  # the standard deviation of the force over the stiffness
+    # the standard deviation of the force over the stiffness
+    slide = float(3.0 * sliding.eta[1, 1] / 4.0999e6)
     assert (first.unit, second.unit) == pytest.approx((np.pi / 180 / 60, slide))
     assert (first.lost, second.lost) == (first.unit, second.unit)
 
@@ -239,7 +266,10 @@ def test_errors_of_the_steps_are_taken_out_of_the_comparison() -> None:
     fine, recorded, theta = copy(model), model.measured, model.start
     fine.segments = model.arm.segments(model.signals.sample_s, 10 * model.segments.steps)
     motion = MotorMotion.through(model.signals.time, model.signals.q_m, fine.segments.steps)
-    exact, coarse = fine.torques([theta], motion)[0] - recorded, model.torques([theta], model.motion)[0]
+    exact, coarse = (
+        fine.torques([theta], motion)[0] - recorded,
+        model.torques([theta], model.motion)[0],
+    )
     before = np.abs(coarse - recorded - exact).max()
     for _ in range(2):
         model.take_out_step_errors(theta)
@@ -256,7 +286,9 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     sought = replace(model.sought, elements=elements)
     with_it = fit.GearModel(model.equations, sought, model.signals)
     values, shapes, parts, rest = np.split(theta, [model.shapes, model.parts, model.errors])
-    none, weak = (np.concatenate([values, [k], shapes, [1.0], parts, [k], rest]) for k in (1e-9, size))
+    none, weak = (
+        np.concatenate([values, [k], shapes, [1.0], parts, [k], rest]) for k in (1e-9, size)
+    )
     steps, sample_s = model.segments.steps, model.signals.sample_s
     with_it.first, with_it.largest = model.first, model.largest
     with_it.segments = with_it.arm.segments(sample_s, steps)

@@ -33,7 +33,12 @@ class Linear:
         rest = rest - self.J @ g  # no part of it can be fitted
         self.rest = rest * np.sqrt(40 * cost) / np.linalg.norm(rest)
         self.steps: list[str] = []
-        self.local, self.variance, self.deflection_sd, self.kind = Made(springs=()), np.ones(1), np.zeros(1), "nls"
+        self.local, self.variance, self.deflection_sd, self.kind = (
+            Made(springs=()),
+            np.ones(1),
+            np.zeros(1),
+            "nls",
+        )
 
     def cost(self, x: np.ndarray) -> float:
         return float((np.abs(self.J @ (x - self.best) + self.rest) ** 2).sum())
@@ -57,7 +62,15 @@ class Linear:
 
 
 def data_of(name: str, total: Any = None, noise_UU: Any = None) -> Any:
-    return Made(name=name, sensors=(), warnings=(), relative_sd=lambda: 1e-3, total=total, noise_UU=noise_UU, G=None)
+    return Made(
+        name=name,
+        sensors=(),
+        warnings=(),
+        relative_sd=lambda: 1e-3,
+        total=total,
+        noise_UU=noise_UU,
+        G=None,
+    )
 
 
 def fitted(
@@ -75,14 +88,21 @@ def fitted(
     linear = Linear(vector, cost)
     linear.local.springs = springs
     monkeypatch.setattr(graybox, "Residuals", lambda *given, **named: linear)
-    monkeypatch.setattr(graybox, "obstacle", lambda data: "" if unsure is not None else "no amplitudes")
+    monkeypatch.setattr(
+        graybox, "obstacle", lambda data: "" if unsure is not None else "no amplitudes"
+    )
     monkeypatch.setattr(graybox, "correct_responses", lambda r, x: (data_of("corrected"), unsure))
     monkeypatch.setattr(graybox, "find_shift", lambda r, x, A, G: np.array([0.5, -1.0]))
     monkeypatch.setattr(graybox, "explain", lambda r, x: ("a cause",))
     monkeypatch.setattr(graybox, "hidden_causes", lambda r, x: hidden)
     monkeypatch.setattr(graybox, "IdentificationResult", Made)
     monkeypatch.setattr(graybox, "_report_hidden", lambda *given: ("hidden",))
-    given: dict[str, Any] = {"data": data_of("measured"), "residual": "nls", "structured": False, "floor": None} | more
+    given: dict[str, Any] = {
+        "data": data_of("measured"),
+        "residual": "nls",
+        "structured": False,
+        "floor": None,
+    } | more
     found = graybox._fit(vector, **given, starts=(starts, 1.2, 7), tell=told)
     return found, linear
 
@@ -94,16 +114,30 @@ def test_a_fit_of_noise_is_the_least_squares_fit(monkeypatch: pytest.MonkeyPatch
     away = np.linalg.solve(A + np.diag(vector.prior_sd**-2.0), A @ (linear.best - vector.start))
     assert_allclose(found.x, vector.start + away, rtol=0, atol=1e-5)
     assert found.cost == linear.cost(found.x) / 40.0 == pytest.approx(1.0, rel=2e-3)
-    assert (found.status, found.model_error, found.starts, found.agreed) == (FitStatus.FITTED, 0.0, 3, 3)
+    assert (found.status, found.model_error, found.starts, found.agreed) == (
+        FitStatus.FITTED,
+        0.0,
+        3,
+        3,
+    )
     assert_allclose(found.formal_covariance, np.diag([4.0, 9.0]))
-    assert found.weak == ("hidden",) and found.causes == () and found.at_bound == () and 0 < found.wall_s < 60
+    assert (
+        found.weak == ("hidden",)
+        and found.causes == ()
+        and found.at_bound == ()
+        and 0 < found.wall_s < 60
+    )
     assert linear.steps == ["springs"] and found.weights == "nls" and found.iterations >= 2
 
 
 def test_a_hidden_cause_makes_a_fit_of_noise_a_model_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not where the model error is given, nor of logarithms."""
     found, _ = fitted(monkeypatch, 1.0, hidden=("a spring",))
-    assert found.status is FitStatus.MODEL_ERROR and found.causes == ("a spring",) and found.model_error == 0.0
+    assert (
+        found.status is FitStatus.MODEL_ERROR
+        and found.causes == ("a spring",)
+        and found.model_error == 0.0
+    )
     for given in ({"floor": 0.0}, {"residual": "lls"}):
         found, _ = fitted(monkeypatch, 1.0, hidden=("a spring",), **given)
         assert found.status is FitStatus.FITTED and found.causes == ()
@@ -125,7 +159,8 @@ def test_a_fit_averages_springs_and_corrects_large_motions(monkeypatch: pytest.M
     [
         (1.99, None, "nls", 0.02, False, 0.0, FitStatus.FITTED, False),  # a cost below 2
         (2.01, None, "nls", 0.02, True, 0.02, FitStatus.MODEL_ERROR, True),
-        (2.01, None, "nls", 1e-3, True, 0.07, FitStatus.MODEL_ERROR, True),  # a small one: what is unexplained
+        # a small one: what is unexplained
+        (2.01, None, "nls", 1e-3, True, 0.07, FitStatus.MODEL_ERROR, True),
         (2.01, None, "lls", 0.02, True, 0.02, FitStatus.MODEL_ERROR, False),
         (2.01, 0.03, "nls", 0.02, False, 0.03, FitStatus.MODEL_ERROR, False),
         (0.51, None, "nls", 0.02, False, 0.0, FitStatus.FITTED, False),
@@ -146,13 +181,18 @@ def test_a_model_error_is_searched_where_noise_does_not_explain_the_cost(
     """And causes where the errors are not given; costs of 0.5 to 2 are those of noise."""
     degrees: list[float] = []
 
-    def with_error(vector: Any, data: Any, residuals: Any, best: Fit, count: float, tell: Any) -> Any:
+    def with_error(
+        vector: Any, data: Any, residuals: Any, best: Fit, count: float, tell: Any
+    ) -> Any:
         degrees.append(count)
         return found_error, residuals, best
 
     monkeypatch.setattr(graybox, "_with_model_error", with_error)
     found, _ = fitted(monkeypatch, cost, floor=floor, residual=residual)
-    assert degrees == ([40.0] if asked else []) and (found.model_error, found.status) == (error, status)
+    assert degrees == ([40.0] if asked else []) and (found.model_error, found.status) == (
+        error,
+        status,
+    )
     assert found.causes == (("a cause",) if causes else ())
 
 
@@ -169,7 +209,13 @@ def test_a_model_error_is_searched_where_noise_does_not_explain_the_cost(
     ],
 )
 def test_structured_weights_end_a_fit_that_noise_explains(
-    monkeypatch: pytest.MonkeyPatch, cost: float, total: Any, noise_UU: Any, left: float, asked: bool, error: float
+    monkeypatch: pytest.MonkeyPatch,
+    cost: float,
+    total: Any,
+    noise_UU: Any,
+    left: float,
+    asked: bool,
+    error: float,
 ) -> None:
     """Of which the rest is a model error only where the noise of the torques is known."""
     calls: list[float] = []
@@ -198,7 +244,8 @@ def test_starts_agree_within_a_thousandth(monkeypatch: pytest.MonkeyPatch) -> No
     found, _ = fitted(monkeypatch, 1.0)
     assert (found.starts, found.agreed) == (4, 2)
     assert_allclose(found.x, start + 1)
-    for more, agreed in ((4.11e-8, 1), (4.09e-8, 2)):  # all but zero: within 1e-9 for each degree of freedom
+    # all but zero: within 1e-9 for each degree of freedom
+    for more, agreed in ((4.11e-8, 1), (4.09e-8, 2)):
         fits[1:3] = [fit_with(start, 1e-9), fit_with(start, more)]
         assert fitted(monkeypatch, 1.0)[0].agreed == agreed
 
@@ -268,11 +315,15 @@ def test_a_part_of_the_response_makes_the_cost_one(monkeypatch: pytest.MonkeyPat
         assert floor == 0.0
         assert_allclose(extra, np.full((1, 40, 1, 1), expected), atol=1e-15)
     assert error == np.sqrt(extras[-1] / 9) == 0.0 and last.x == pytest.approx([0.2 / 32])
-    assert told[0] == f"model error {100 * np.sqrt(extras[0] / 9):.2g} % of the responses, fit 1 of 4"
+    assert (
+        told[0] == f"model error {100 * np.sqrt(extras[0] / 9):.2g} % of the responses, fit 1 of 4"
+    )
     assert len(told) == 4
 
 
-def test_structured_weights_are_left_where_they_explain_less(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_structured_weights_are_left_where_they_explain_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """They are polished twice; a misfit above twice the count returns what was before."""
     made: list[Any] = []
 
@@ -319,24 +370,34 @@ def test_a_fit_refuses_data_and_settings(monkeypatch: pytest.MonkeyPatch) -> Non
     graybox._check(model, data, "lls", 0.0, 1, 1.0)
     graybox._check(model, data, "nls", 0.999, 1, 1.5)
     order = f"expected {', '.join(names)} in this order, those of elbow"
-    assert told(Made(motors=names[::-1])) == f"data: given the motors {', '.join(names[::-1])}, {order}"
+    assert (
+        told(Made(motors=names[::-1]))
+        == f"data: given the motors {', '.join(names[::-1])}, {order}"
+    )
     assert told(residual="l1") == "residual: given 'l1', expected one of nls, lls"
     assert told(spread=0.999) == "spread: given 0.999, expected a number >= 1"
-    assert told(spread=np.nan).endswith("expected a number >= 1") and "expected a number" in told(spread="2")
+    assert told(spread=np.nan).endswith("expected a number >= 1") and "expected a number" in told(
+        spread="2"
+    )
     for floor in (1.0, -1e-9, np.nan):
-        assert told(floor=floor) == f"floor: given {floor!r}, expected a part of |G| between 0 and 1"
+        assert (
+            told(floor=floor) == f"floor: given {floor!r}, expected a part of |G| between 0 and 1"
+        )
 
 
 def test_what_noise_of_torques_hides_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the information of a number is enough, and its deviation with that noise is not."""
     weak = graybox.WEAK
     unknowns = [
-        Made(name=name, scale=scale) for name, scale in (("a", "log"), ("b", "log"), ("c", "log"), ("d", "unit"))
+        Made(name=name, scale=scale)
+        for name, scale in (("a", "log"), ("b", "log"), ("c", "log"), ("d", "unit"))
     ]
     vector: Any = Made(unknowns=unknowns, names=("a", "b", "c", "d"), model=None)
     monkeypatch.setattr(graybox, "with_coulomb", lambda model: ["b", "e"])
     monkeypatch.setattr(graybox, "obstacle", lambda data: data.obstacle)
-    data: Any = Made(warnings=("one", f"of a {graybox.TRANSIENT} in it"), speed_sd=np.zeros(2), obstacle="a law")
+    data: Any = Made(
+        warnings=("one", f"of a {graybox.TRANSIENT} in it"), speed_sd=np.zeros(2), obstacle="a law"
+    )
     formal = np.array([0.99, 0.5, 1.01, 0.5]) * weak
     covariance = np.diag(np.array([1.01, 0.99, 2.0, 2.0]) * weak) ** 2
     told = graybox._report_hidden(vector, data, np.diag(0.5 / formal**2), covariance)
@@ -348,6 +409,13 @@ def test_what_noise_of_torques_hides_is_told(monkeypatch: pytest.MonkeyPatch) ->
     assert told == (data.warnings[1], f"not determined by the data: a: {why}", coulomb)
     data.speed_sd = np.array([0.0, 0.1])
     large = "the responses are not corrected for large motions: a law"
-    assert graybox._report_hidden(vector, data, np.eye(4), 0 * covariance) == (data.warnings[1], large, coulomb)
+    assert graybox._report_hidden(vector, data, np.eye(4), 0 * covariance) == (
+        data.warnings[1],
+        large,
+        coulomb,
+    )
     data.obstacle = ""
-    assert graybox._report_hidden(vector, data, np.eye(4), 0 * covariance) == (data.warnings[1], coulomb)
+    assert graybox._report_hidden(vector, data, np.eye(4), 0 * covariance) == (
+        data.warnings[1],
+        coulomb,
+    )

@@ -55,7 +55,9 @@ def test_the_likelihood_of_tilts_is_that_of_normal_errors() -> None:
     """Its value, without the constant, is that of SciPy; at the minimum no number can be changed to a lower one."""
     rng = np.random.default_rng(6)
     B = rng.normal(size=(16, 6, 3))
-    r = 0.02 * rng.normal(size=(16, 6)) + np.einsum("nij,nj->ni", B, [0.05, 0.1, 0.02] * rng.normal(size=(16, 3)))
+    r = 0.02 * rng.normal(size=(16, 6)) + np.einsum(
+        "nij,nj->ni", B, [0.05, 0.1, 0.02] * rng.normal(size=(16, 3))
+    )
 
     def value(x: np.ndarray) -> float:
         total = 0.0
@@ -72,13 +74,17 @@ def test_the_likelihood_of_tilts_is_that_of_normal_errors() -> None:
     assert_allclose(np.exp(x / 2), [0.02, 0.05, 0.1, 0.02], rtol=0.6)
 
 
-def test_a_search_that_runs_away_is_held_within_narrow_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_runs_away_is_held_within_narrow_bounds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of the logarithms: from 12 below the start to 4 above it, instead of 25 and 10; the slopes are exact."""
     rng = np.random.default_rng(6)
     B, r = rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3))
     asked: list[np.ndarray] = []
 
-    def minimize(value: Any, start: np.ndarray, *, jac: bool, method: str, bounds: Any, options: Any) -> OptimizeResult:
+    def minimize(
+        value: Any, start: np.ndarray, *, jac: bool, method: str, bounds: Any, options: Any
+    ) -> OptimizeResult:
         asked.append(np.array(bounds) - start[:, None])
         assert jac and start[0] == pytest.approx(np.log((r**2).mean()))
         assert_allclose(start[1:], 2 * np.log(components.START_TILT))
@@ -88,7 +94,9 @@ def test_a_search_that_runs_away_is_held_within_narrow_bounds(monkeypatch: pytes
         _, slope = value(at)
         for k in range(4):
             step = 1e-5 * (np.arange(4) == k)
-            assert slope[k] == pytest.approx((value(at + step)[0] - value(at - step)[0]) / 2e-5, rel=1e-6, abs=1e-7)
+            assert slope[k] == pytest.approx(
+                (value(at + step)[0] - value(at - step)[0]) / 2e-5, rel=1e-6, abs=1e-7
+            )
         return OptimizeResult(fun=7.0, x=[1.0, 2.0, 3.0, 4.0])
 
     monkeypatch.setattr(components, "minimize", minimize)
@@ -103,17 +111,23 @@ def test_the_vibration_at_the_end_needs_the_force_on_the_tool_where_there_is_one
 ) -> None:
     """And tables of forces have its mean over each integration step, behind the torques of the motors."""
     asked: list[Any] = []
-    monkeypatch.setattr(residual_vibration, "library_with", lambda *given, **more: asked.append((given[1], more)))
+    monkeypatch.setattr(
+        residual_vibration, "library_with", lambda *given, **more: asked.append((given[1], more))
+    )
     given = {} if pushed is None else {"pushed": pushed}
     made = residual_vibration.ResidualVibration(derive(flexgen.read("elbow")), print, **given)
     ((functions, more),) = asked
-    assert functions == (("forward_dynamics", "forward_dynamics_tool_force") if pushed else ("forward_dynamics",))
+    assert functions == (
+        ("forward_dynamics", "forward_dynamics_tool_force") if pushed else ("forward_dynamics",)
+    )
     assert more["per_point"] is True and more["progress"] is print and made._rate == 0.0
     force: Any = Made(held=lambda t, h: np.outer(t, np.arange(6.0)) + h)
     h = residual_vibration.SAMPLE_S / 4
     table = made._pushing(force, np.array([1.0, 1.0 + 4 * h]), 4)
     assert table.shape == (8, 8, 1) and not table[:, :2].any()
-    assert_allclose(table[:, 2:, 0], np.outer(1.0 + h * (np.arange(8) + 0.5), np.arange(6.0)) + h, rtol=1e-12)
+    assert_allclose(
+        table[:, 2:, 0], np.outer(1.0 + h * (np.arange(8) + 0.5), np.arange(6.0)) + h, rtol=1e-12
+    )
     assert made._memory(0, np.zeros(0), np.zeros(2)) == 0.0
 
 

@@ -38,7 +38,10 @@ def test_a_polynomial_of_fifth_degree_is_between_its_ends() -> None:
     def value(t: float) -> np.ndarray:
         slopes = [1.0, k, k * (k - 1)]
         return np.array(
-            [(s * np.where(powers >= m, t ** (np.maximum(powers - m, 0)), 0.0)) @ c for m, s in enumerate(slopes)]
+            [
+                (s * np.where(powers >= m, t ** (np.maximum(powers - m, 0)), 0.0)) @ c
+                for m, s in enumerate(slopes)
+            ]
         ).T
 
     found = motor_side._hermite(at, h, value(1.0), value(1.0 + h))
@@ -72,9 +75,18 @@ def test_deflections_of_damped_gears_follow_their_torque_late() -> None:
 @pytest.mark.parametrize(("damping", "late"), [(3e4, True), (0.5, False), (0.0, False)])
 def test_deflections_and_their_rates_follow_rising_torques(damping: float, late: bool) -> None:
     """``D p' + K p = a + b t`` from the deflection at rest; where D is tiny, to first order in D/K."""
-    gear = {"element.upper.dof.q1.gear.damping": damping} if damping else {"element.upper.dof.q1.gear.damping": 0.0}
+    gear = (
+        {"element.upper.dof.q1.gear.damping": damping}
+        if damping
+        else {"element.upper.dof.q1.gear.damping": 0.0}
+    )
     model = flexgen.read("elbow", overrides=gear | {"element.fore.dof.q2.gear.damping": 0.0})
-    springs: Any = [dof.gear.spring for element in model.elements for dof in element.dofs if dof.gear is not None]
+    springs: Any = [
+        dof.gear.spring
+        for element in model.elements
+        for dof in element.dofs
+        if dof.gear is not None
+    ]
     K = springs[0].stiffness
     t, a, b = np.linspace(0.0, 0.2, 41), np.array([1e3, -50.0]), np.array([4e4, 20.0])
     tau = np.stack([a + b * t[:, None], np.tile(b, (41, 1)), np.zeros((41, 2))], axis=2)
@@ -109,9 +121,11 @@ def test_samples_of_a_stream_that_starts_in_motion(pushed: bool) -> None:
     own: Any = Made(intervals=4, _entries=entries, _sizes={"n_t": 3, "n_y": 2})
     y, dy, force = np.ones((7, 3)), np.ones((7, 2)), np.ones((7, 6))
     found = stream.Stream._samples(own, y, dy, 2 * dy, force if pushed else None)
-    assert {name: x.shape for name, x in found.items()} == {"y": (7, 3), "dy": (7, 2), "ddy": (7, 2)} | (
-        {"force": (7, 6)} if pushed else {}
-    )
+    assert {name: x.shape for name, x in found.items()} == {
+        "y": (7, 3),
+        "dy": (7, 2),
+        "ddy": (7, 2),
+    } | ({"force": (7, 6)} if pushed else {})
     for wrong in ((y[:6], dy, dy, None), (y, y, dy, None), (y, dy, dy, np.ones((7, 2)))):
         with pytest.raises(ArgumentError, match=r"^stream"):
             stream.Stream._samples(own, *wrong)
@@ -142,7 +156,9 @@ def test_steps_to_a_motor_angle_reach_it(ratio: float) -> None:
     assert fixed >= 1 and left(fixed + newton) < 1e-13 < left(fixed + newton - 2)
     symbol = ca.SX.sym("c")
     assert motor_harmonics._steps(Made(cos=(symbol,), sin=(0.0,), harmonics=(2, 4)), 9.0) == (  # type: ignore[arg-type]
-        motor_harmonics._steps(Made(cos=(0.0,), sin=(0.0,), harmonics=(1,), bound=lambda k: (0.25, 0.5, 2.0)[k]), 1.0)  # type: ignore[arg-type]
+        motor_harmonics._steps(
+            Made(cos=(0.0,), sin=(0.0,), harmonics=(1,), bound=lambda k: (0.25, 0.5, 2.0)[k]), 1.0
+        )  # type: ignore[arg-type]
     )
 
 
@@ -157,14 +173,21 @@ class Quadratic:
 
 def test_the_rate_of_another_law_is_that_of_its_slope_in_either_direction() -> None:
     law: Any = Quadratic()
-    for rate, expected in ((2.0, 2 * (1 - 0.25 - 0.125)), (-3.0, -3 * (1 + 0.25 - 0.125)), (0.0, 0.0)):
+    for rate, expected in (
+        (2.0, 2 * (1 - 0.25 - 0.125)),
+        (-3.0, -3 * (1 + 0.25 - 0.125)),
+        (0.0, 0.0),
+    ):
         assert_allclose(hysteresis_law.law_rate(law, rate, 2.0, 4.0), expected, rtol=1e-15)
 
 
 # --- results as texts -------------------------------------------------------------------------------------------------
 def test_errors_of_drawn_robots_in_words() -> None:
     found = {"robots": 64, "failed": 0, "error_m": 1.5e-3, "error_rad": None}
-    assert error_text(found) == "error <= 1.5 mm of 61 of 64 robots drawn from [uncertainty], without disturbances"
+    assert (
+        error_text(found)
+        == "error <= 1.5 mm of 61 of 64 robots drawn from [uncertainty], without disturbances"
+    )
     found |= {"failed": 2, "error_m": None, "without_delay": True}
     words = "61 of 64 robots drawn from [uncertainty], without disturbances and delays, 2 of them stopped early"
     assert error_text(found) == f"error not known of {words}"
@@ -192,9 +215,16 @@ def test_a_plan_in_words() -> None:
         predicted={"q1.stiffness": 0.0125},
     )
     lines = plan_text(plan, flexgen.read("elbow")).splitlines()
-    assert lines[:2] == ["elbow: 2 poses, 6 experiments each, 3 lines from 1.5 to 40 Hz", "time of the robot: 75 s"]
+    assert lines[:2] == [
+        "elbow: 2 poses, 6 experiments each, 3 lines from 1.5 to 40 Hz",
+        "time of the robot: 75 s",
+    ]
     rows = [line.split() for line in lines]
-    assert ["1", "0.5", "-0.25"] in rows and ["2", "1", "2"] in rows and rows[-1] == ["q1.stiffness", "1.25"]
+    assert (
+        ["1", "0.5", "-0.25"] in rows
+        and ["2", "1", "2"] in rows
+        and rows[-1] == ["q1.stiffness", "1.25"]
+    )
 
 
 # --- servos -----------------------------------------------------------------------------------------------------------
@@ -202,7 +232,9 @@ def test_an_identified_servo_is_read_as_it_was_written(tmp_path: Path) -> None:
     gains = {"position_gain": [20.0, 30.0], "speed_gain": [0.5, 0.25], "integral_gain": [4.0, 0.0]}
     filters = (flexgen.LowPass(90.0), flexgen.Notch(30.0, 0.2, 0.5))
     cascade = flexgen.Cascade(**{key: np.array(x) for key, x in gains.items()}, filters=filters)
-    servo = flexgen.Servo(cascade, sample_time=5e-4, delay=2.5e-4, speed_feedforward=0.75, reference_filter_s=3e-3)
+    servo = flexgen.Servo(
+        cascade, sample_time=5e-4, delay=2.5e-4, speed_feedforward=0.75, reference_filter_s=3e-3
+    )
     save: Any = ServoFit.save
     fit = Made(servo=servo, model="elbow@soft", record=Made(source="/a/b/day.csv"))
     read = flexgen.Servo.read(save(fit, tmp_path / "servo.toml"))
@@ -212,7 +244,9 @@ def test_an_identified_servo_is_read_as_it_was_written(tmp_path: Path) -> None:
         assert_allclose(getattr(read.feedback, name), values)
     assert getattr(read.feedback, "filters", None) == filters
     text = (tmp_path / "servo.toml").read_text()
-    assert text.startswith('description = "servo of elbow@soft, identified from day.csv"\ntype = "cascade"\n')
+    assert text.startswith(
+        'description = "servo of elbow@soft, identified from day.csv"\ntype = "cascade"\n'
+    )
     fit.record.source = ""
     assert 'identified from a record"' in save(fit, tmp_path / "servo.toml").read_text()
 
@@ -241,7 +275,9 @@ def test_the_error_of_an_orientation_is_its_sine_about_the_axis() -> None:
     q = ca.SX.sym("q", 2)
     functions = {
         "output": ca.Function("output", [q], [ca.vertcat(1.0, 2.002, 3.0) + 0 * q[0]]),
-        "forward_kinematics": ca.Function("f", [q], [ca.SX.zeros(3), ca.SX(ca.DM(turn @ R)) + 0 * q[1]]),
+        "forward_kinematics": ca.Function(
+            "f", [q], [ca.SX.zeros(3), ca.SX(ca.DM(turn @ R)) + 0 * q[1]]
+        ),
     }
     equations: Any = Made(function=functions.__getitem__, model=Made(output=Made(type="tool_pose")))
     path: Any = Made(sample=lambda t: Made(y=np.array([[[1.0], [2.0], [3.0]]]), R=R[None]))

@@ -37,9 +37,7 @@ def test_a_command_is_read_from_what_a_trajectory_states() -> None:
     later = command_in(TICKS, VALUES, ("a", "b"), {"hold": "linear", "sample_time": H})
     assert later is not None and later.delay == 0.0
     command_in(TICKS + 4e-10 * np.arange(6) * 5, VALUES, ("a", "b"), meta)
-    words = (
-        r"^trajectory: given torques held for the sample time .* s at other instants, expected rows one sample time "
-    )
+    words = r"^trajectory: given torques held for the sample time .* s at other instants, expected rows one sample time "
     for time, more in (
         (TICKS + 1e-8 * np.arange(6), {}),
         (TICKS, {"sample_time": 1.001 * H}),
@@ -47,7 +45,11 @@ def test_a_command_is_read_from_what_a_trajectory_states() -> None:
     ):
         with pytest.raises(ArgumentError, match=words):
             command_in(time, VALUES, ("a", "b"), meta | more)
-    for more, name in (({"hold": "none"}, "hold"), ({"sample_time": 0.0}, "sample_time"), ({"delay": -1e-9}, "delay")):
+    for more, name in (
+        ({"hold": "none"}, "hold"),
+        ({"sample_time": 0.0}, "sample_time"),
+        ({"delay": -1e-9}, "delay"),
+    ):
         with pytest.raises(ArgumentError, match=f"^{name}: given "):
             command_in(TICKS, VALUES, ("a", "b"), meta | more)
 
@@ -71,15 +73,21 @@ def test_pieces_between_edges_are_the_torque_at_all_instants(kind: Any, tmp_path
     if kind == "zoh":
         assert_allclose(made.at(edges), VALUES)  # at an edge that of the interval that begins there
     loaded = flexgen.Trajectory.load(made.save(tmp_path / "a.npz"))
-    assert loaded.meta["hold"] == kind and loaded.meta["sample_time"] == H and loaded.meta["kind"] == "torque command"
+    assert (
+        loaded.meta["hold"] == kind
+        and loaded.meta["sample_time"] == H
+        and loaded.meta["kind"] == "torque command"
+    )
     assert_allclose(loaded["tau_m"], VALUES)
 
 
 def test_titles_of_commands() -> None:
-    assert command("zoh").title().endswith("at 4 ms, delay 1 ms") and command("zoh", 0.0).title().endswith("at 4 ms")
-    assert repr(command("linear")).startswith("<TorqueCommand: ") and repr(command("linear")).endswith(
-        ", 6 ticks from 0.1 s>"
-    )
+    assert command("zoh").title().endswith("at 4 ms, delay 1 ms") and command(
+        "zoh", 0.0
+    ).title().endswith("at 4 ms")
+    assert repr(command("linear")).startswith("<TorqueCommand: ") and repr(
+        command("linear")
+    ).endswith(", 6 ticks from 0.1 s>")
 
 
 def smooth(t: np.ndarray) -> np.ndarray:
@@ -101,7 +109,13 @@ def test_held_torques_have_the_means_of_the_continuous_one(limited: bool, delay:
         inner = [x for x in t if begin < x < end]
         means.append(
             [
-                quad(lambda x, k=k: float(curve(np.array([x]))[0, k]), begin, end, points=inner, limit=200)[0]
+                quad(
+                    lambda x, k=k: float(curve(np.array([x]))[0, k]),
+                    begin,
+                    end,
+                    points=inner,
+                    limit=200,
+                )[0]
                 / (end - begin)
                 for k in range(2)
             ]
@@ -133,7 +147,8 @@ def test_straight_lines_between_ticks_are_the_nearest() -> None:
     time, sampled = hold_torque(t, tau, "spline", H, 1e-3)
     assert_allclose(sampled, curve(time + 1e-3), atol=1e-12)
     with pytest.raises(
-        ArgumentError, match=r"^sample_time: given 1e-08 s, which makes 10000000 ticks, expected at most"
+        ArgumentError,
+        match=r"^sample_time: given 1e-08 s, which makes 10000000 ticks, expected at most",
     ):
         hold_torque(t, tau, "zoh", 1e-8)
     one = hold_torque(t, tau, "zoh", 1.0)
@@ -153,8 +168,14 @@ def test_momenta_and_driving_torques_of_a_record() -> None:
     rate = np.gradient(p, 1e-3, axis=0)
     size = np.abs(driven).max(axis=0)
     assert (np.abs(rate - driven)[20:-20].mean(axis=0) < 0.05 * size).all() and np.abs(p).max() > 0
-    for q, tau in ((found["q_m"][:2], found["tau_m"][:2]), (found["q_m"], found["tau_m"][:5]), (t, t)):
-        with pytest.raises(ArgumentError, match=r"^record: given shapes .*, expected \(n, 2\) twice$"):
+    for q, tau in (
+        (found["q_m"][:2], found["tau_m"][:2]),
+        (found["q_m"], found["tau_m"][:5]),
+        (t, t),
+    ):
+        with pytest.raises(
+            ArgumentError, match=r"^record: given shapes .*, expected \(n, 2\) twice$"
+        ):
             detector._terms(q, tau)
     free = detector.calibrate([(found["q_m"], found["tau_m"])], margin=2.0)
     again = detector.detect(found["q_m"], found["tau_m"])
@@ -162,9 +183,13 @@ def test_momenta_and_driving_torques_of_a_record() -> None:
     assert_allclose(free, 2.0 * np.abs(again.residual).max(axis=0))
     pushed = detector.detect(found["q_m"], found["tau_m"] + 50.0 * free * (t > 0.5)[:, None])
     assert pushed.sample is not None and 500 <= pushed.sample < 560
-    with pytest.raises(ArgumentError, match=r"^records: given none with motion, expected runs without contact$"):
+    with pytest.raises(
+        ArgumentError, match=r"^records: given none with motion, expected runs without contact$"
+    ):
         detector.calibrate([])
-    with pytest.raises(ArgumentError, match=r"^bandwidth_hz: given 100\.0, expected more than 0, below 100$"):
+    with pytest.raises(
+        ArgumentError, match=r"^bandwidth_hz: given 100\.0, expected more than 0, below 100$"
+    ):
         flexgen.CollisionDetector(model, sample_s=1e-3, bandwidth_hz=100.0)
     assert "samples of 1 ms, bandwidth " in repr(detector)
 
@@ -172,7 +197,9 @@ def test_momenta_and_driving_torques_of_a_record() -> None:
 # --- inputs of a simulation -------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("feedback", [None, "feedback"])
-def test_inputs_of_a_simulation_are_torques_references_and_forces(feedback: Any, force: bool) -> None:
+def test_inputs_of_a_simulation_are_torques_references_and_forces(
+    feedback: Any, force: bool
+) -> None:
     """Splines through the samples, then constant; without feedback the references are zero where a force is given."""
     t = np.linspace(0.0, 1.0, 21)
     tau, q_m = smooth(t), np.stack([t**3, 1 - t**2], axis=-1)
@@ -182,7 +209,9 @@ def test_inputs_of_a_simulation_are_torques_references_and_forces(feedback: Any,
     def extended(x: np.ndarray) -> np.ndarray:
         return np.vstack([x, np.tile(x[-1], (after, 1))])
 
-    given = {"tau_m": extended(tau), "q_m": extended(q_m)} | ({"force": extended(pushed)} if force else {})
+    given = {"tau_m": extended(tau), "q_m": extended(q_m)} | (
+        {"force": extended(pushed)} if force else {}
+    )
     task: Any = SimpleNamespace(data=SimpleNamespace(time=t, meta={}), given=given, command=None)
     made = simulate._input(task, feedback)
     for at in (0.1234, 0.5, 0.987, 1.5):

@@ -62,7 +62,9 @@ def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path, plan, model)
     flexgen.measure(plan, truth, raw=writer)
     path = writer.finish()
-    rows = [x for x in path.read_text().splitlines() if not x.startswith(("period_s", "line_numbers"))]
+    rows = [
+        x for x in path.read_text().splitlines() if not x.startswith(("period_s", "line_numbers"))
+    ]
     path.write_text("\n".join(rows))
     values = {
         f"{c.name}.{kind}": x
@@ -83,7 +85,9 @@ def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
     assert springs(known.model) == pytest.approx(springs(truth), rel=1e-9)
     # Validated by the same recordings: what was not fitted is explained as well as what was.
     assert_allclose(known.held_out_percent, known.fit_percent, atol=1e-3)
-    assert repr(known).endswith(f" {found.segments} segments>") and "fit 100.0 %, 100.0 %" in repr(known)
+    assert repr(known).endswith(f" {found.segments} segments>") and "fit 100.0 %, 100.0 %" in repr(
+        known
+    )
     assert found.held_out_percent == () and known.segments == found.segments
     for given, text in (
         ({"segment_s": 1e-3}, "expected at least 4 samples"),
@@ -102,7 +106,10 @@ def test_odd_lines_are_spaced_evenly_in_the_logarithm() -> None:
     for given, text in (
         ((0.0, 1.0, 3, 1.0), r"f_min, f_max: given 0\.0, 1\.0, expected 0 < f_min < f_max in Hz"),
         ((2.0, 2.0, 3, 1.0), "f_min, f_max: given"),
-        ((2.1, 2.9, 3, 1.0), r"period_s: given 1\.0 s, which has no odd multiple of 1 Hz between 2\.1 and 2\.9 Hz"),
+        (
+            (2.1, 2.9, 3, 1.0),
+            r"period_s: given 1\.0 s, which has no odd multiple of 1 Hz between 2\.1 and 2\.9 Hz",
+        ),
     ):
         with pytest.raises(ArgumentError, match=text):
             odd_lines(*given)
@@ -114,7 +121,9 @@ def test_speeds_of_motors_add_up_over_the_joints_that_they_drive() -> None:
     assert_allclose(motor_speeds(model, np.array([0.2, 0.3])), expected)
     assert_allclose(motor_speeds(model, 0.2), np.sqrt((np.array(model.eta) ** 2) @ [0.04, 0.04]))
     for bad in (0.0, np.inf, np.array([0.1, -0.1])):
-        with pytest.raises(ArgumentError, match=r"speed_rms: given .*, expected a speed > 0 in rad/s or m/s"):
+        with pytest.raises(
+            ArgumentError, match=r"speed_rms: given .*, expected a speed > 0 in rad/s or m/s"
+        ):
             motor_speeds(model, bad)
     amplitudes = speed_amplitudes(np.array([1.0, 4.0]), np.array([3.0, 5.0]), 0.5)
     assert_allclose(amplitudes[1], 2 * amplitudes[0])
@@ -126,11 +135,15 @@ def test_references_for_a_drive_are_periods_about_the_pose(tmp_path: Path) -> No
     pose = [0.5, -0.3]
     plan = flexgen.excite("elbow", poses=[pose], period_s=1.0, lines=10)
     files = plan.write_references(tmp_path / "new" / "folder")
-    assert [file.name for file in files] == [f"pose1_realization1_experiment{k}.csv" for k in (1, 2)]
+    assert [file.name for file in files] == [
+        f"pose1_realization1_experiment{k}.csv" for k in (1, 2)
+    ]
     for file in files:
         head, *rows = file.read_text().splitlines()
         assert head == "t,m1_q_ref_rad,m2_q_ref_rad,m1_v_ref_rad_s,m2_v_ref_rad_s"
-        t, q, v = np.split(np.array([[float(x) for x in row.split(",")] for row in rows]), [1, 3], axis=1)
+        t, q, v = np.split(
+            np.array([[float(x) for x in row.split(",")] for row in rows]), [1, 3], axis=1
+        )
         step = plan.hardware.sample_s
         assert_allclose(t[:, 0], step * np.arange(len(t)), atol=1e-12)
         assert len(t) * step == pytest.approx(1.0)
@@ -142,22 +155,32 @@ def test_references_for_a_drive_are_periods_about_the_pose(tmp_path: Path) -> No
 
 def test_responses_in_words_have_their_relative_deviation() -> None:
     size = np.array([[[[2.0]], [[4.0]], [[5.0]]]])
-    data = flexgen.frf(flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)))
+    data = flexgen.frf(
+        flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10))
+    )
     data = replace(data, G=size + 0j, variance=(size * [[[[0.01]], [[0.03]], [[0.2]]]]) ** 2)
     assert text_of_responses(data).endswith("median standard deviation by noise: 3 %")
 
 
-@pytest.mark.parametrize(("experiments", "realizations", "several"), [(1, 1, False), (2, 1, True), (1, 2, True)])
+@pytest.mark.parametrize(
+    ("experiments", "realizations", "several"), [(1, 1, False), (2, 1, True), (1, 2, True)]
+)
 def test_parameters_are_validated_where_there_is_another_experiment(
     experiments: int, realizations: int, several: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(time_domain, "refine", lambda found, experiment, progress: f"{found} refined")
+    monkeypatch.setattr(
+        time_domain, "refine", lambda found, experiment, progress: f"{found} refined"
+    )
     monkeypatch.setattr(time_domain, "validate", lambda fine, experiment: f"{fine} checked")
     monkeypatch.setattr(time_domain, "validate_on_others", lambda fine, checked: (fine, checked))
-    given: Any = SimpleNamespace(plan=SimpleNamespace(experiments=experiments, realizations=realizations))
+    given: Any = SimpleNamespace(
+        plan=SimpleNamespace(experiments=experiments, realizations=realizations)
+    )
     found: Any = "fit"
     expected: Any = (
-        (("fit refined", "fit refined checked"), "fit refined checked") if several else ("fit refined", None)
+        (("fit refined", "fit refined checked"), "fit refined checked")
+        if several
+        else ("fit refined", None)
     )
     assert time_domain.refine_and_validate(found, given) == expected
 
@@ -168,13 +191,19 @@ def test_frictions_of_a_model_are_those_of_its_motors_and_joints() -> None:
     motor = SimpleNamespace(name="m1", friction=SimpleNamespace(viscous=0.5, coulomb=0.9, beta=9.0))
     joints = [
         SimpleNamespace(name="q1", dof=SimpleNamespace(friction=none)),
-        SimpleNamespace(name="q2", dof=SimpleNamespace(friction=SimpleNamespace(viscous=0.1, coulomb=0.0, beta=9.0))),
+        SimpleNamespace(
+            name="q2",
+            dof=SimpleNamespace(friction=SimpleNamespace(viscous=0.1, coulomb=0.0, beta=9.0)),
+        ),
         SimpleNamespace(name="bend", dof=None),
         SimpleNamespace(
-            name="q3", dof=SimpleNamespace(friction=SimpleNamespace(load_coulomb=0.1, coulomb=0.0, beta=9.0))
+            name="q3",
+            dof=SimpleNamespace(friction=SimpleNamespace(load_coulomb=0.1, coulomb=0.0, beta=9.0)),
         ),
     ]
-    found: Any = SimpleNamespace(vector=SimpleNamespace(model=SimpleNamespace(motors=[motor], coordinates=joints)))
+    found: Any = SimpleNamespace(
+        vector=SimpleNamespace(model=SimpleNamespace(motors=[motor], coordinates=joints))
+    )
     assert sorted(time_domain._frictions(found)) == [
         "m1.beta",
         "m1.coulomb",
@@ -190,10 +219,14 @@ def test_deviations_of_spectra_are_means_over_seven_lines() -> None:
     rng = np.random.default_rng(4)
     x = 0.1 * (rng.normal(size=(3, 5, 12, 2)) + 1j * rng.normal(size=(3, 5, 12, 2))) + 7.0
     found = time_domain._standard_deviation(x)
-    variance = np.array([[np.var(x[r, :, line], axis=0, ddof=1) for line in range(12)] for r in range(3)]).mean(axis=0)
+    variance = np.array(
+        [[np.var(x[r, :, line], axis=0, ddof=1) for line in range(12)] for r in range(3)]
+    ).mean(axis=0)
     for line in range(12):
         near = range(max(0, line - 3), min(12, line + 4))
-        expected = np.mean([variance[k] for k in near], axis=0) / 5 + 1e-12 * (np.abs(x[:, :, line]) ** 2).mean((0, 1))
+        expected = np.mean([variance[k] for k in near], axis=0) / 5 + 1e-12 * (
+            np.abs(x[:, :, line]) ** 2
+        ).mean((0, 1))
         assert_allclose(found[0, line], np.sqrt(expected), rtol=1e-9)
     still = time_domain._standard_deviation(np.full((1, 2, 3, 1), 5.0 + 0j))
     assert_allclose(still, 5e-6, rtol=1e-9)
@@ -223,7 +256,9 @@ def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """``error``: of the angles, over the largest that is small; ``bent``: friction that responses do not describe."""
-    monkeypatch.setattr(time_domain, "_frictions", lambda found: ["m1.load_coulomb"] if bent else ["m1.viscous"])
+    monkeypatch.setattr(
+        time_domain, "_frictions", lambda found: ["m1.load_coulomb"] if bent else ["m1.viscous"]
+    )
     fit: Any = SimpleNamespace(converged=converged, at_bound=np.array([False, at_bound]), x=2.0)
     measured = np.array([3.0, 4.0])
     simulated: Any = SimpleNamespace(
@@ -250,7 +285,14 @@ def test_the_damping_of_a_robot_with_one_joint_is_found(tmp_path: Path) -> None:
     model = flexgen.read(tmp_path / "arm.toml")
     drive = flexgen.DriveHardware(1e-3, encoder_noise_rad=1e-5, torque_noise_Nm=1e-3)
     plan = flexgen.excite(
-        model, poses=[[0.5], [1.0]], period_s=1.0, lines=10, f_min=1.0, f_max=50.0, free=["q1.viscous"], hardware=drive
+        model,
+        poses=[[0.5], [1.0]],
+        period_s=1.0,
+        lines=10,
+        f_min=1.0,
+        f_max=50.0,
+        free=["q1.viscous"],
+        hardware=drive,
     )
     responses = flexgen.frf(flexgen.measure(plan, model, progress=False))
     found = flexgen.identify(model, responses, starts=1, free=["q1.viscous"], progress=False)

@@ -19,7 +19,18 @@ from flexgen.identification.time_domain import Validation
 
 LATER = "flexgen.identification."
 NOTHING: dict[str, Any] = dict.fromkeys(
-    ("validate", "segments", "truth", "move", "levels", "start", "refine", "free", "counterbalance", "fixed")
+    (
+        "validate",
+        "segments",
+        "truth",
+        "move",
+        "levels",
+        "start",
+        "refine",
+        "free",
+        "counterbalance",
+        "fixed",
+    )
 ) | {"rigid": False, "structure": False}
 
 
@@ -57,7 +68,10 @@ def test_a_plan_is_made_with_the_drives_that_are_given(monkeypatch: pytest.Monke
         )
 
     monkeypatch.setattr(LATER + "experiments.plan.excite", plan)
-    monkeypatch.setattr("flexgen.reports.identification_texts.plan_text", lambda plan, model: f"plan of {model.name}")
+    monkeypatch.setattr(
+        "flexgen.reports.identification_texts.plan_text",
+        lambda plan, model: f"plan of {model.name}",
+    )
     args = arguments("excite", model="elbow", out="p.npz", delay=1e-4, torque_noise=0.3, lines=20)
     args.references = None
     answer = verbs.excite(args, print)
@@ -74,7 +88,9 @@ def test_a_plan_is_made_with_the_drives_that_are_given(monkeypatch: pytest.Monke
     assert (drives.delay_s, drives.torque_noise_Nm) == (1e-4, 0.3)
     assert (drives.encoder_noise_rad, drives.encoder_resolution_rad) == (0.0, 0.0)
     args.references = "folder"
-    assert verbs.excite(args, print).text.endswith("\n\nwrote p.npz\nwrote folder, 3 files of references")
+    assert verbs.excite(args, print).text.endswith(
+        "\n\nwrote p.npz\nwrote folder, 3 files of references"
+    )
 
 
 @pytest.mark.parametrize("saturated", [0, 3])
@@ -91,29 +107,46 @@ def test_a_simulated_experiment_says_where_torques_were_at_their_limits(
     monkeypatch.setattr(flexgen.Plan, "load", lambda path: Made(duration_s=12.4))
     monkeypatch.setattr(LATER + "experiments.experiment.measure", simulate)
     writer = Made(finish=lambda: Path("raw/recordings.toml"), files=["a", "b"])
-    monkeypatch.setattr(LATER + "recordings.recording_writer.RecordingWriter", lambda path, plan, robot: writer)
+    monkeypatch.setattr(
+        LATER + "recordings.recording_writer.RecordingWriter", lambda path, plan, robot: writer
+    )
     lines: list[str] = []
     answer = verbs.measure(
-        arguments("measure", model="elbow", plan="p.npz", out="d.npz", raw=None, seed=4), lines.append
+        arguments("measure", model="elbow", plan="p.npz", out="d.npz", raw=None, seed=4),
+        lines.append,
     )
     assert asked["raw"] is None and asked["seed"] == 4 and lines == ["simulating 12 s of elbow"]
     assert answer.text.startswith("elbow: 12.4 s of robot in ") and answer.text.endswith(
         "\n\nexperiment\n\nwrote d.npz"
     )
-    assert answer.data["samples_at_torque_limit"] == [0, saturated] and answer.data["speed_rms_rad_s"] == [[0.1]]
+    assert answer.data["samples_at_torque_limit"] == [0, saturated] and answer.data[
+        "speed_rms_rad_s"
+    ] == [[0.1]]
     assert 0 <= answer.data["wall_s"] < 60 and "recordings" not in answer.data
     text = "torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms"
     assert answer.warnings == [text] * (saturated > 0)
-    answer = verbs.measure(arguments("measure", model="elbow", plan="p.npz", out="d.npz", raw="raw"), print)
+    answer = verbs.measure(
+        arguments("measure", model="elbow", plan="p.npz", out="d.npz", raw="raw"), print
+    )
     assert asked["raw"] is writer and answer.data["recordings"] == "raw/recordings.toml"
     assert answer.text.endswith("\nwrote raw/recordings.toml, 2 files with all samples")
 
 
 def test_responses_are_counted_and_saved(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = {"model": "elbow", "poses": [1, 2], "w": [1, 2, 3], "outputs": ("m1",), "warnings": ("late",)}
-    made = Made(**data, relative_sd=lambda: 0.02, to_text=lambda: "responses", save=Path, report=Path)
+    data = {
+        "model": "elbow",
+        "poses": [1, 2],
+        "w": [1, 2, 3],
+        "outputs": ("m1",),
+        "warnings": ("late",),
+    }
+    made = Made(
+        **data, relative_sd=lambda: 0.02, to_text=lambda: "responses", save=Path, report=Path
+    )
     monkeypatch.setattr(LATER + "frequency_response.frf", lambda experiment, **more: made)
-    monkeypatch.setattr(LATER + "recordings.experiment_file.load_experiment", lambda path, log: path)
+    monkeypatch.setattr(
+        LATER + "recordings.experiment_file.load_experiment", lambda path, log: path
+    )
     answer = verbs.frf(arguments("frf", experiment="d.npz", out="f.npz"), print)
     counts = {"poses": 2, "lines": 3, "outputs": ["m1"], "median_relative_sd": 0.02}
     assert answer.data == {"model": "elbow", "frf": "f.npz", **counts}
@@ -134,48 +167,90 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(LATER + "graybox.identify", fit)
     monkeypatch.setattr(flexgen.Frf, "load", lambda path: f"responses of {path}")
     texts = "flexgen.reports.identification_texts."
-    monkeypatch.setattr(texts + "text_of_identification", lambda found, *more: " | ".join(["fit", *more]))
-    monkeypatch.setattr(texts + "validation_text", lambda checked, motors: f"validated with {motors}: {checked.cost}")
-    monkeypatch.setattr(LATER + "recordings.experiment_file.load_experiment", lambda path: Made(plan=Made(motors="m1")))
-    answer = identify(out="new.toml", report="page", levels=["a.npz"], start=[("q1.stiffness", 3)], free=["stiffness"])
-    assert asked["start"] == {"q1.stiffness": 3.0} and asked["source"] == "data" and asked["free"] == ["stiffness"]
+    monkeypatch.setattr(
+        texts + "text_of_identification", lambda found, *more: " | ".join(["fit", *more])
+    )
+    monkeypatch.setattr(
+        texts + "validation_text",
+        lambda checked, motors: f"validated with {motors}: {checked.cost}",
+    )
+    monkeypatch.setattr(
+        LATER + "recordings.experiment_file.load_experiment",
+        lambda path: Made(plan=Made(motors="m1")),
+    )
+    answer = identify(
+        out="new.toml",
+        report="page",
+        levels=["a.npz"],
+        start=[("q1.stiffness", 3)],
+        free=["stiffness"],
+    )
+    assert (
+        asked["start"] == {"q1.stiffness": 3.0}
+        and asked["source"] == "data"
+        and asked["free"] == ["stiffness"]
+    )
     assert asked["levels"] == ["responses of a.npz"] and asked["data"] == "responses of data"
-    assert answer.data == {"status": "fitted", "model_file": "new.toml", "report": "page"} and answer.problem == ""
+    assert (
+        answer.data == {"status": "fitted", "model_file": "new.toml", "report": "page"}
+        and answer.problem == ""
+    )
     assert answer.text == "fit\n\nwrote new.toml\nwrote page"
     for status in (FitStatus.MODEL_ERROR, FitStatus.NOT_CONVERGED):
         result["made"] = found(status)
         answer = identify(out="new.toml", report="page", move="line")
         assert answer.problem == f"{status}: {status.sentence}"
-        assert ("model_file" in answer.data) == ("report" in answer.data) == (status == FitStatus.MODEL_ERROR)
+        assert (
+            ("model_file" in answer.data)
+            == ("report" in answer.data)
+            == (status == FitStatus.MODEL_ERROR)
+        )
         words = "\n\nno tool errors of the move line: a result with model error has no covariance to draw robots from"
         told = f"fit{words}; give --truth where the robot is known\n\nwrote new.toml\nwrote page"
         assert answer.text == (told if status == FitStatus.MODEL_ERROR else "fit")
     result["made"] = found()
     lines: list[str] = []
     checked = Validation((99.0,), 1.5, (1.0,))
-    monkeypatch.setattr(LATER + "time_domain.refine_and_validate", lambda found, given, progress: (found, checked))
+    monkeypatch.setattr(
+        LATER + "time_domain.refine_and_validate", lambda found, given, progress: (found, checked)
+    )
     answer = identify(lines.append, refine="d.npz")
-    assert answer.text == "fit | validated with m1: 1.5" and answer.data["validation"] == vars(checked)
-    assert lines == ["refining by simulation: up to two minutes for six axes, seconds for planar arms"]
-    monkeypatch.setattr(LATER + "time_domain.refine_and_validate", lambda found, given, progress: (found, None))
-    assert identify(refine="d.npz").text == "fit" and "validation" not in identify(refine="d.npz").data
+    assert answer.text == "fit | validated with m1: 1.5" and answer.data["validation"] == vars(
+        checked
+    )
+    assert lines == [
+        "refining by simulation: up to two minutes for six axes, seconds for planar arms"
+    ]
+    monkeypatch.setattr(
+        LATER + "time_domain.refine_and_validate", lambda found, given, progress: (found, None)
+    )
+    assert (
+        identify(refine="d.npz").text == "fit" and "validation" not in identify(refine="d.npz").data
+    )
     rows = [Made(model="file", error_m=(1.0,), error_rad=None)]
     result["made"] = found(
-        covariance=np.eye(1), verdict=lambda move, truth, progress: Made(rows=rows, of=(move, truth))
+        covariance=np.eye(1),
+        verdict=lambda move, truth, progress: Made(rows=rows, of=(move, truth)),
     )
     monkeypatch.setattr(texts + "verdict_text", lambda verdict: f"errors of {verdict.of}")
     answer = identify(lines.append, move="line")
     assert answer.data["tool_errors"] == [{"model": "file", "error_m": (1.0,)}]
     assert answer.text == "fit\n\nerrors of ('line', None)"
     assert lines[-1] == "tool errors of the move line: a few minutes for six axes"
-    result["made"] = found(verdict=result["made"].verdict)  # no covariance, but a robot that is known
-    assert identify(move="line", truth="robot.toml").text == "fit\n\nerrors of ('line', 'robot.toml')"
+    # no covariance, but a robot that is known
+    result["made"] = found(verdict=result["made"].verdict)
+    assert (
+        identify(move="line", truth="robot.toml").text == "fit\n\nerrors of ('line', 'robot.toml')"
+    )
 
 
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"validate": "x"}, "--validate, --counterbalance: given without --rigid or --segments, expected with them"),
+        (
+            {"validate": "x"},
+            "--validate, --counterbalance: given without --rigid or --segments, expected with them",
+        ),
         (
             {"counterbalance": [("q1", 1)]},
             "--validate, --counterbalance: given without --rigid or --segments, expected with them",
@@ -185,11 +260,16 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
             "--truth: given without --move, expected also --move NAME, whose tool error is compared",
         ),
         ({"segments": 0.1}, "--segments: given no --free, expected the names of the parameters"),
-        ({"start": [("q1.stiffness", True)]}, "--start q1.stiffness: given True, expected a number"),
+        (
+            {"start": [("q1.stiffness", True)]},
+            "--start q1.stiffness: given True, expected a number",
+        ),
         ({"start": [("q1.stiffness", "x")]}, "--start q1.stiffness: given 'x', expected a number"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(given: dict[str, Any], text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_options_that_do_not_fit_are_refused(
+    given: dict[str, Any], text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(flexgen.Frf, "load", lambda path: path)
     with pytest.raises(ArgumentError) as caught:
         identify(**given)
@@ -207,7 +287,11 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
     for status in (FitStatus.FITTED, FitStatus.NOT_CONVERGED):
         asked["status"] = status
         answer = identify(rigid=True, counterbalance=[("q1", "2")], out="new.toml")
-        assert asked["counterbalance"] == {"q1": 2} and asked["validate"] is None and asked["progress"] is print
+        assert (
+            asked["counterbalance"] == {"q1": 2}
+            and asked["validate"] is None
+            and asked["progress"] is print
+        )
         assert answer.text == "text\n\nwrote new.toml" and answer.data["model_file"] == "new.toml"
         expected = "" if status.has_deviations else f"{status}: {status.sentence}"
         assert answer.problem == expected
@@ -219,13 +303,21 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(LATER + "motion_fit.fit_motion", motion)
     texts = "flexgen.reports.identification_texts."
-    monkeypatch.setattr(texts + "text_of_motion_fit", lambda found, segment: f"motion in {segment} s")
+    monkeypatch.setattr(
+        texts + "text_of_motion_fit", lambda found, segment: f"motion in {segment} s"
+    )
     for status in (FitStatus.FITTED, FitStatus.NOT_CONVERGED):
         asked["status"] = status
         more = {"free": ["stiffness"], "start": [("a", 2)], "validate": "v.toml", "out": "new.toml"}
         answer = identify(segments=0.2, **more)
-        assert asked["segment_s"] == 0.2 and asked["free"] == ["stiffness"] and asked["start"] == {"a": 2.0}
-        assert asked["validate"] == "v.toml" and ("model_file" in answer.data) == (status == FitStatus.FITTED)
+        assert (
+            asked["segment_s"] == 0.2
+            and asked["free"] == ["stiffness"]
+            and asked["start"] == {"a": 2.0}
+        )
+        assert asked["validate"] == "v.toml" and ("model_file" in answer.data) == (
+            status == FitStatus.FITTED
+        )
         assert answer.text.startswith("motion in 0.2 s") and (answer.problem == "") == status.agrees
     for given, named in ((("rigid", "free"), "--free"), (("segments", "report"), "--report")):
         with pytest.raises(ArgumentError) as caught:
@@ -244,7 +336,9 @@ def test_a_structure_is_a_table_of_springs(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(flexgen.Frf, "load", lambda path: path)
     monkeypatch.setattr(LATER + "structure.structure", structure)
-    monkeypatch.setattr("flexgen.reports.identification_texts.structure_text", lambda found: "springs")
+    monkeypatch.setattr(
+        "flexgen.reports.identification_texts.structure_text", lambda found: "springs"
+    )
     lines: list[str] = []
     answer = identify(lines.append, structure=True, fixed=["q1"], report="page")
     assert asked == {"model": "elbow", "data": "data", "fixed": ["q1"]}
@@ -252,7 +346,10 @@ def test_a_structure_is_a_table_of_springs(monkeypatch: pytest.MonkeyPatch) -> N
     changes = {"added": ["a"], "removed": [], "changes": [{"cost": 2.0}]}
     assert answer.data == {"status": "fitted", **changes, "report": "page"} and answer.problem == ""
     assert answer.text == "springs\n\nwrote page"
-    with pytest.raises(ArgumentError, match=r"^--structure: given with --out, expected without: with --structure that"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"^--structure: given with --out, expected without: with --structure that",
+    ):
         identify(structure=True, out="new.toml")
 
 
@@ -270,23 +367,45 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
         asked.update(more)
         return made
 
-    passive = type("Passive", (), {"to_dict": lambda self: {"passive": True}, "__str__": lambda self: "passive"})()
+    passive = type(
+        "Passive",
+        (),
+        {"to_dict": lambda self: {"passive": True}, "__str__": lambda self: "passive"},
+    )()
     monkeypatch.setattr("flexgen.loop.control.control", simulate)
-    monkeypatch.setattr("flexgen.reports.control_texts.text_of_control", lambda run, margins: f"loop, {len(margins)}")
+    monkeypatch.setattr(
+        "flexgen.reports.control_texts.text_of_control",
+        lambda run, margins: f"loop, {len(margins)}",
+    )
     monkeypatch.setattr("flexgen.laws.passivity.check_passivity", lambda run: passive)
-    monkeypatch.setattr(controls, "read_model", lambda args: Made(uncertainty=1.0 if uncertain else None))
+    monkeypatch.setattr(
+        controls, "read_model", lambda args: Made(uncertainty=1.0 if uncertain else None)
+    )
     drawn = "flexgen.uncertainty.in_loop."
-    monkeypatch.setattr(drawn + "error_in_loop", lambda run, **more: sorted(k for k in more if k != "progress"))
+    monkeypatch.setattr(
+        drawn + "error_in_loop", lambda run, **more: sorted(k for k in more if k != "progress")
+    )
     monkeypatch.setattr(drawn + "error_text", lambda found: f"drawn {found}")
-    args = arguments("control", move="line", delay=1e-3, disturbances=None, wall=None, passivity=True)
+    args = arguments(
+        "control", move="line", delay=1e-3, disturbances=None, wall=None, passivity=True
+    )
     answer = controls.control(args, print)
-    assert asked["disturbances"] == [] and asked["wall"] is None and asked["delay"] == 1e-3 and asked["move"] == "line"
+    assert (
+        asked["disturbances"] == []
+        and asked["wall"] is None
+        and asked["delay"] == 1e-3
+        and asked["move"] == "line"
+    )
     text, data = (
         "loop, 1\n\npassive",
         {"status": status, "margins": {"begin": {"phase": 40.0}}, "passivity": {"passive": True}},
     )
     if uncertain and status == "done":  # other options than the move, plants and disturbances
         text, data["drawn"] = f"{text}\n\ndrawn ['delay', 'wall']", ["delay", "wall"]
-    assert (answer.text, answer.data, answer.problem) == (text, data, "" if status == "done" else status)
+    assert (answer.text, answer.data, answer.problem) == (
+        text,
+        data,
+        "" if status == "done" else status,
+    )
     args.passivity = False
     assert "passivity" not in controls.control(args, print).data

@@ -44,7 +44,12 @@ def moving(n: int = 12, n_post: int = 8) -> Found:
     return Found(*(rng.normal(size=(n, 2)) for _ in range(7)), n_post=n_post)
 
 
-END: Any = Made(**{name: np.array([1.0, 2.0]) + 2 * k for k, name in enumerate(("q_a", "q_m", "tau_m", "tau_g"))})
+END: Any = Made(
+    **{
+        name: np.array([1.0, 2.0]) + 2 * k
+        for k, name in enumerate(("q_a", "q_m", "tau_m", "tau_g"))
+    }
+)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +76,12 @@ def test_intervals_of_the_inversion_in_c_are_two_steps_and_ten_milliseconds_at_m
     monkeypatch.setattr(lq, "grid", grid)
     monkeypatch.setattr(lq, "inversion_library", lambda *given, **more: None)
     given: Any = Made(
-        check_options=lambda *names: None, equations=None, force=None, options={}, progress=None, mesh=mesh
+        check_options=lambda *names: None,
+        equations=None,
+        force=None,
+        options={},
+        progress=None,
+        mesh=mesh,
     )
     with pytest.raises(SolverError, match="asked"):
         lq.invert_path(given, "lq", h, parts)
@@ -146,11 +156,18 @@ def geared(side: str, damping: float = 2.0) -> RobotModel:
     for k, element in enumerate(robot.elements):
         dofs = []
         for dof in element.dofs:
-            gear = None if dof.gear is None else replace(dof.gear, side=side, damping=damping * (1 + k))
+            gear = (
+                None
+                if dof.gear is None
+                else replace(dof.gear, side=side, damping=damping * (1 + k))
+            )
             dofs.append(replace(dof, gear=gear))
         elements.append(replace(element, dofs=tuple(dofs)))
     ratios = (30.0, 50.0)
-    motors = tuple(replace(m, ratio=(r,), drives=m.drives[:1]) for m, r in zip(robot.motors, ratios, strict=True))
+    motors = tuple(
+        replace(m, ratio=(r,), drives=m.drives[:1])
+        for m, r in zip(robot.motors, ratios, strict=True)
+    )
     return replace(robot, elements=tuple(elements), motors=motors)
 
 
@@ -164,9 +181,14 @@ def test_damping_on_the_motor_side_counts_with_the_square_of_the_ratio(side: str
     assert_allclose(constants.gear_damping, expected)
     assert_allclose(constants.damping_factor, ratios**2)
     assert_allclose(statics.gear_damping(derive(model)), expected)
-    assert constants.arm_side == (*(1.0,) * model.n_a, *np.abs(model.eta).max(axis=1)[list(model.i_m)])
+    assert constants.arm_side == (
+        *(1.0,) * model.n_a,
+        *np.abs(model.eta).max(axis=1)[list(model.i_m)],
+    )
     assert_allclose(np.array(constants.eta) @ constants.eta_inverse, np.eye(model.n_m), atol=1e-12)
-    assert constants.rotor_inertia == tuple(m.inertia for m in model.motors) and not any(constants.gear_is_rigid)
+    assert constants.rotor_inertia == tuple(m.inertia for m in model.motors) and not any(
+        constants.gear_is_rigid
+    )
 
 
 def test_damping_in_c_is_a_number_or_a_parameter_times_a_factor() -> None:
@@ -178,11 +200,19 @@ def test_damping_in_c_is_a_number_or_a_parameter_times_a_factor() -> None:
             spec, constants, lambda values: "{" + ", ".join(f"{x:g}" for x in values) + "}"
         )
 
-    assert "gear_damping[ARM_NG] = {7, 8};" in text("a.mass") and "damping_parameter" not in text("a.mass")
+    assert "gear_damping[ARM_NG] = {7, 8};" in text("a.mass") and "damping_parameter" not in text(
+        "a.mass"
+    )
     first = text("a.damping", "payload.mass")
-    assert "gear_damping[ARM_NG] = {100, 8};" in first and "damping_parameter[ARM_NG] = {0, -1};" in first
+    assert (
+        "gear_damping[ARM_NG] = {100, 8};" in first
+        and "damping_parameter[ARM_NG] = {0, -1};" in first
+    )
     both = text("b.damping", "x", "a.damping")
-    assert "gear_damping[ARM_NG] = {100, 400};" in both and "damping_parameter[ARM_NG] = {2, 0};" in both
+    assert (
+        "gear_damping[ARM_NG] = {100, 400};" in both
+        and "damping_parameter[ARM_NG] = {2, 0};" in both
+    )
 
 
 def test_deflections_of_gears_without_damping_are_static_with_derivatives_in_time() -> None:
@@ -194,7 +224,9 @@ def test_deflections_of_gears_without_damping_are_static_with_derivatives_in_tim
         model = geared("arm", damping)
         equations = Equations(model)
         p, dp, ddp = deflections(equations, t, tau)
-        torque = np.array([np.array(equations.function("gear_law")(x)[0]).ravel() for x in p[::100]])
+        torque = np.array(
+            [np.array(equations.function("gear_law")(x)[0]).ravel() for x in p[::100]]
+        )
         assert_allclose(torque, tau[::100, :, 0], rtol=max(tolerance, 1e-9))
         assert_allclose(dp[1:-1], (p[2:] - p[:-2]) / (2 * t[1]), atol=2e-4 * np.abs(dp).max())
         assert_allclose(ddp[1:-1], (dp[2:] - dp[:-2]) / (2 * t[1]), atol=2e-4 * np.abs(ddp).max())
@@ -213,7 +245,9 @@ def test_reduced_problems_close_the_kinematics_from_afar_and_refuse_singular_sta
     assert_array_equal(q[:, list(model.i_e)], start[:, list(model.i_e)])
     stretched = np.zeros(model.n_a)
     poor: Any = Made(q_start=stretched, sample=lambda at: path.sample(at))
-    with pytest.raises(SolverError, match="the output does not determine the actuated coordinates at the start"):
+    with pytest.raises(
+        SolverError, match="the output does not determine the actuated coordinates at the start"
+    ):
         reduction.start(poor)
 
 

@@ -31,7 +31,9 @@ RNG = np.random.default_rng(6)
 
 # --- elementary functions ---------------------------------------------------------------------------------------------
 def test_sine_cosine_and_root_are_exact_to_rounding() -> None:
-    x = np.concatenate([RNG.uniform(-1e6, 1e6, 2000), RNG.uniform(-10, 10, 2000), np.arange(-40, 41) * np.pi / 4])
+    x = np.concatenate(
+        [RNG.uniform(-1e6, 1e6, 2000), RNG.uniform(-10, 10, 2000), np.arange(-40, 41) * np.pi / 4]
+    )
     sine, cosine = sine_cosine(x)
     assert np.abs(sine - [math.sin(v) for v in x]).max() <= 2.3e-16
     assert np.abs(cosine - [math.cos(v) for v in x]).max() <= 2.3e-16
@@ -70,11 +72,14 @@ def test_quaternions_are_rotations_with_their_rates() -> None:
     p, q = (jets.quaternion(x.as_matrix()) for x in (first, second))
     assert_allclose(np.abs(p), np.abs(np.roll(first.as_quat(), 1)))
     still = jets.quaternion_product(p[None, :, None], q[None, :, None])[:, :, 0]
-    assert_allclose(jets.matrices_of_quaternions(still)[0], (first * second).as_matrix(), atol=1e-14)
+    assert_allclose(
+        jets.matrices_of_quaternions(still)[0], (first * second).as_matrix(), atol=1e-14
+    )
     assert_allclose(jets.rotation_vector(p), first.as_rotvec())
     assert_allclose(jets.rotation_vector(-p), first.as_rotvec())
     assert_array_equal(jets.rotation_vector(np.array([1.0, 0, 0, 0])), np.zeros(3))
-    for vector in ([3.1, 0, 0], [0, 3.1, 0], [0, 0, 3.1], [0.2, 0.1, -0.3], [-3.0, 0.1, 0.2]):  # each entry the largest
+    # each entry the largest
+    for vector in ([3.1, 0, 0], [0, 3.1, 0], [0, 0, 3.1], [0.2, 0.1, -0.3], [-3.0, 0.1, 0.2]):
         R = Rotation.from_rotvec(vector).as_matrix()
         found = jets.quaternion(R)
         assert found[0] >= 0 and np.linalg.norm(found) == pytest.approx(1.0)
@@ -89,11 +94,15 @@ def test_quaternions_are_rotations_with_their_rates() -> None:
     assert_allclose(jets.multiply_rotations(expected, R), expected @ R, atol=1e-15)
     law = Polynomial([0.4, -1.0, 0.5, 0.2, -0.3, 0.1])
     moving = jets.rotation_quaternion(jet(law, 0.3)[None], axis)
-    assert_allclose(jets.matrices_of_quaternions(moving[:, :, 0])[0], Rotation.from_rotvec(law(0.3) * axis).as_matrix())
+    assert_allclose(
+        jets.matrices_of_quaternions(moving[:, :, 0])[0],
+        Rotation.from_rotvec(law(0.3) * axis).as_matrix(),
+    )
     R, w = jets.attitude(moving)
     assert_allclose(w[0], np.outer(axis, jet(law.deriv(), 0.3, 5)), atol=1e-10)
     turned = jets.quaternion_product(moving, np.pad(q[None, :, None], ((0, 0), (0, 0), (0, 5))))
-    assert_allclose(jets.angular_velocity(turned), w, atol=1e-10)  # of the same motion from another attitude
+    # of the same motion from another attitude
+    assert_allclose(jets.angular_velocity(turned), w, atol=1e-10)
 
 
 # --- polynomials in sines and cosines ---------------------------------------------------------------------------------
@@ -104,7 +113,10 @@ def test_equal_trigonometric_polynomials_are_equal_and_their_forms_have_the_same
     assert ring.reduce(s1**4 + 2 * s1**2 * c1**2 + c1**4) == ring.one
     assert ring.reduce(s1**3) == ring.reduce(s1 - s1 * c1**2)
     mass = ring.element(m)
-    assert ring.element(sp.Rational(3, 4) * m) == sp.QQ(3, 4) * mass and ring.element(-2) == -2 * ring.one
+    assert (
+        ring.element(sp.Rational(3, 4) * m) == sp.QQ(3, 4) * mass
+        and ring.element(-2) == -2 * ring.one
+    )
     sum_cos, sum_sin = c1 * c2 - s1 * s2, s1 * c2 + c1 * s2
     polynomials = [
         sum_cos * mass + 3 * c1,
@@ -114,7 +126,9 @@ def test_equal_trigonometric_polynomials_are_equal_and_their_forms_have_the_same
     def at(expression: Any) -> float:
         return float(sp.lambdify([m, v, q1, q2], expression, "math")(1.3, -0.7, 0.4, 1.1))
 
-    names = dict(zip(ring._trig, (x for q in (q1, q2) for x in (sp.cos(q), sp.sin(q))), strict=True))
+    names = dict(
+        zip(ring._trig, (x for q in (q1, q2) for x in (sp.cos(q), sp.sin(q))), strict=True)
+    )
     for p in polynomials:
         p = ring.reduce(p)
         plain = p.as_expr().xreplace(names)
@@ -144,11 +158,16 @@ def test_symbols_of_unit_vectors_have_the_length_one(monkeypatch: pytest.MonkeyP
     x, y, z, q = sp.symbols("x y z q")
     ring = TrigonometricRing([x, y, z], [q], unit_vectors=[(x, y, z)])
     ex, ey, ez = (ring.element(s) for s in (x, y, z))
-    assert ring.reduce(ex**2 + ey**2 + ez**2) == ring.one and ring.reduce(ez**2) == 1 - ex**2 - ey**2
+    assert (
+        ring.reduce(ex**2 + ey**2 + ez**2) == ring.one and ring.reduce(ez**2) == 1 - ex**2 - ey**2
+    )
     assert trigonometric.MAX_TERMS == 3000
     monkeypatch.setattr(trigonometric, "MAX_TERMS", 12)
     ring.reduce(sum((ex**i for i in range(12)), ring.zero))
-    with pytest.raises(ArgumentError, match=r"^symbolic: given a model whose equations have more than 12 terms in one"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"^symbolic: given a model whose equations have more than 12 terms in one",
+    ):
         ring.reduce(sum((ex**i for i in range(13)), ring.zero))
 
 
@@ -169,12 +188,17 @@ def test_the_spline_of_a_force_is_the_quintic_one_with_equal_knots() -> None:
     equations: Any = Made(pushed_by=lambda force: force)
     pushed: Any = [made.pushing(equations, 0.4), held.pushing(equations, None)]
     assert_allclose(pushed, [spline(0.4), coefficients[0]], atol=1e-12)
-    with pytest.raises(ArgumentError, match=r"^bound: given within a problem whose force depends on the place"):
+    with pytest.raises(
+        ArgumentError, match=r"^bound: given within a problem whose force depends on the place"
+    ):
         made.pushing(equations, None, "bound")
 
 
 def held_everywhere(held: Any, s: np.ndarray, value: np.ndarray) -> bool:
-    return bool((held.at(s) == value).all()) and np.array(ca.DM(held.of(None))).ravel().tolist() == value.tolist()
+    return (
+        bool((held.at(s) == value).all())
+        and np.array(ca.DM(held.of(None))).ravel().tolist() == value.tolist()
+    )
 
 
 def test_forces_that_change_quickly_are_refused_in_a_plan() -> None:
@@ -187,8 +211,12 @@ def test_forces_that_change_quickly_are_refused_in_a_plan() -> None:
         intervals.append(len(found.coefficients) - 5)
         assert_allclose(found.at(s)[:, :3], wave, atol=0.06)
     assert intervals == [25, 50, 100]
-    with pytest.raises(ArgumentError, match=r"changes too quickly: a spline of 100 intervals .*, expected 0\.001"):
-        planned.make_plan_force(np.outer(np.sin(2 * np.pi * 40 * s), [30.0, 0.0, 20.0]), equations, True)
+    with pytest.raises(
+        ArgumentError, match=r"changes too quickly: a spline of 100 intervals .*, expected 0\.001"
+    ):
+        planned.make_plan_force(
+            np.outer(np.sin(2 * np.pi * 40 * s), [30.0, 0.0, 20.0]), equations, True
+        )
     with pytest.raises(ArgumentError, match="which the motion need not follow with timing='given'"):
         planned.make_plan_force(wave, equations, False)
     assert planned.make_plan_force([3.0, 0.0, 1.0], equations, False).constant
@@ -209,7 +237,13 @@ def test_the_numeric_mass_matrix_is_that_of_the_equations(name: str) -> None:
 # --- plots ------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("largest", "unit", "prefix"),
-    [(0.99e-7, "m", "nm"), (1.01e-7, "m", "µm"), (0.99e-3, "rad", "µrad"), (1.01e-3, "m", "mm"), (2.0, "N m", "N m")],
+    [
+        (0.99e-7, "m", "nm"),
+        (1.01e-7, "m", "µm"),
+        (0.99e-3, "rad", "µrad"),
+        (1.01e-3, "m", "mm"),
+        (2.0, "N m", "N m"),
+    ],
 )
 def test_prefixes_of_units(largest: float, unit: str, prefix: str) -> None:
     factor, found = canvas.choose_prefix(-largest, unit)

@@ -17,7 +17,9 @@ from flexgen.inversion.solution import Solution
 from flexgen.library import c_module
 
 
-def test_modules_that_were_used_least_lately_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modules_that_were_used_least_lately_are_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Beyond a number or a size of all; never the newest, and nothing that is not a module."""
     suffix = c_module.library_suffix()
 
@@ -87,19 +89,32 @@ class Nvrtc:
 def test_a_kernel_is_compiled_with_its_headers_and_options(monkeypatch: pytest.MonkeyPatch) -> None:
     """The log is told where it fails; the program is always given back."""
     options = compiler.options_of("arm", "sm_90")
-    assert options == ["--gpu-architecture=sm_90", "-fmad=false", "-default-device", "-DARM_NO_VECTORS"]
+    assert options == [
+        "--gpu-architecture=sm_90",
+        "-fmad=false",
+        "-default-device",
+        "-DARM_NO_VECTORS",
+    ]
     made = Nvrtc()
     monkeypatch.setattr(compiler, "nvrtc", lambda: made)
     assert compiler.compile_text("text", {"a.h": "A", "b.h": "B"}, options) == (b"cubin", "said")
     assert made.asked[0] == (b"text", b"kernel.cu", 2, [b"A", b"B"], [b"a.h", b"b.h"])
-    assert made.asked[1] == ("program", 4, [x.encode() for x in options]) and made.asked[2] == "destroyed"
+    assert (
+        made.asked[1] == ("program", 4, [x.encode() for x in options])
+        and made.asked[2] == "destroyed"
+    )
     made.status = 6
-    with pytest.raises(BuildError, match="NVRTC: given C that it does not compile for --gpu-architecture=sm_90: said"):
+    with pytest.raises(
+        BuildError,
+        match="NVRTC: given C that it does not compile for --gpu-architecture=sm_90: said",
+    ):
         compiler.compile_text("text", {}, options)
     assert made.asked[-1] == "destroyed"
 
 
-def test_a_kernel_is_compiled_again_where_something_differs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_is_compiled_again_where_something_differs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The text, a header or its name, the architecture, or the version of the compiler without its status."""
     made, cache, compiled = Nvrtc(), dict[str, bytes](), list[str]()
 
@@ -130,7 +145,11 @@ def test_a_kernel_is_compiled_again_where_something_differs(tmp_path: Path, monk
         ),
         2,
     ):
-        assert compiler.compile_cached(*other) == f"cubin {k}".encode() == compiler.compile_cached(*other)
+        assert (
+            compiler.compile_cached(*other)
+            == f"cubin {k}".encode()
+            == compiler.compile_cached(*other)
+        )
     for version, number in (((7, 13, 1), 1), ((0, 12, 1), 7), ((0, 13, 2), 8)):
         made.version = version
         assert compiler.compile_cached(*first) == f"cubin {number}".encode()
@@ -144,6 +163,7 @@ def test_a_solution_without_errors_has_no_accuracy(simulation: Any) -> None:
     solution: Any = Made(simulation=simulation)
     solution._unverified = Solution._unverified.fget(solution)  # type: ignore[attr-defined]
     with pytest.raises(
-        ArgumentError, match="accuracy: given a solution without verification, expected one with verify"
+        ArgumentError,
+        match="accuracy: given a solution without verification, expected one with verify",
     ):
         inspect.unwrap(Solution.accuracy)(solution)

@@ -34,7 +34,9 @@ class Gantry:
         J[3:, 3], J[3:, 4], J[3:, 5] = [0, 0, 1], first.apply([0, 1, 0]), second.apply([0, 0, 1])
         return J
 
-    def inverse_kinematics(self, p: np.ndarray, R: np.ndarray, base: np.ndarray, free: list[int]) -> np.ndarray:
+    def inverse_kinematics(
+        self, p: np.ndarray, R: np.ndarray, base: np.ndarray, free: list[int]
+    ) -> np.ndarray:
         if abs(R[2, 2]) > 1 - 1e-8:
             raise SolverError("more than 16 solutions")
         angles = Rotation.from_matrix(R).as_euler("ZYZ")
@@ -59,7 +61,9 @@ def solver(lower: float | None = None, upper: float | None = None) -> Any:
     """The search for the gantry; limits of its last joint."""
     made = object.__new__(search._Solver)
     dofs = [None] * 5 + [SimpleNamespace(lower=lower, upper=upper)]
-    coordinates = [SimpleNamespace(unit="m" if k < 3 else "rad", dof=dof) for k, dof in enumerate(dofs)]
+    coordinates = [
+        SimpleNamespace(unit="m" if k < 3 else "rad", dof=dof) for k, dof in enumerate(dofs)
+    ]
     model = SimpleNamespace(name="gantry", coordinates=coordinates, n_a=6)
     rotary = np.array([False] * 3 + [True] * 3)
     vars(made).update(
@@ -87,7 +91,11 @@ def test_distances_and_errors_of_a_configuration() -> None:
     assert made._distance(q) == pytest.approx(sizes[-1] / sizes[0], rel=1e-9)
     assert_allclose(made._jacobian(q), J)
     null = made._null(q)
-    assert np.linalg.norm(null) == pytest.approx(1.0) and abs(null[3] + null[5]) < 1e-3 and abs(null[3]) > 0.7
+    assert (
+        np.linalg.norm(null) == pytest.approx(1.0)
+        and abs(null[3] + null[5]) < 1e-3
+        and abs(null[3]) > 0.7
+    )
     goal = goal_of(q)
     assert made._miss(goal, q) < 1e-7 and np.abs(made._error(goal, q)).max() < 1e-12
     away = q + np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
@@ -113,7 +121,8 @@ def test_configurations_are_one_up_to_whole_turns() -> None:
         assert made._same(goal, singular, family) and made._same(goal, family, singular)
     near = np.array([0.2, -0.3, 0.5, 0.4, 1e-11, -1.0])
     goal = goal_of(near)
-    assert made._same(goal, near, near + np.array([0, 0, 0, 5e-5, 0, -5e-5]))  # rounding over the distance is 2e-3
+    # rounding over the distance is 2e-3
+    assert made._same(goal, near, near + np.array([0, 0, 0, 5e-5, 0, -5e-5]))
     assert not made._same(goal, near, near + np.array([0, 0, 0, 0.1, 0, -0.1]))
 
 
@@ -125,7 +134,9 @@ def test_a_configuration_is_refined_to_rounding() -> None:
     singular = np.array([0.2, -0.3, 0.5, 0.4, 0.0, -1.0])
     found = made._refine(goal_of(singular), singular + np.array([0.01, 0, 0, 0.3, 0.0, 0.2]), home)
     assert found is not None and made._miss(goal_of(singular), found) < 1e-11
-    assert found[3] + found[5] == pytest.approx(-0.6, abs=1e-9) and found[3] == pytest.approx(-0.3, abs=1e-6)
+    assert found[3] + found[5] == pytest.approx(-0.6, abs=1e-9) and found[3] == pytest.approx(
+        -0.3, abs=1e-6
+    )
     far = made._refine(goal_of(singular), singular, np.array([0, 0, 0, 2.0, 0, 0.0]))
     assert far[3] - far[5] == pytest.approx(2.0, abs=1e-6)
 
@@ -165,7 +176,12 @@ def test_a_configuration_is_turned_into_its_limits() -> None:
     q = np.array([0.2, -0.3, 0.5, 0.4, 0.8, -1.0])
     goal = goal_of(q)
     free = solver().configuration(goal, q, False)
-    assert free.within_limits and free.parts == {} and free.flags == () and free.nearest_singularity == ""
+    assert (
+        free.within_limits
+        and free.parts == {}
+        and free.flags == ()
+        and free.nearest_singularity == ""
+    )
     assert_allclose(free.q, q)
     assert free.error < 1e-7 and free.branch == int(np.sign(np.linalg.det(Gantry().jacobian(q))))
     turned = solver(4.0, 6.0).configuration(goal, q, False)
@@ -205,30 +221,42 @@ def test_parts_of_an_arm_with_six_rotations_by_hand() -> None:
     tool = wrist + 0.2 * axes[5]
     J = np.vstack([np.cross(axes, tool - points).T, axes.T])
     found = search.arm_parts(J)
-    assert found["elbow"] == pytest.approx(np.sin(b)) and abs(found["wrist"]) == pytest.approx(abs(np.sin(c)))
+    assert found["elbow"] == pytest.approx(np.sin(b)) and abs(found["wrist"]) == pytest.approx(
+        abs(np.sin(c))
+    )
     assert abs(found["shoulder"]) == pytest.approx(abs(wrist[0]))
-    other = search.arm_parts(np.vstack([np.cross(axes, tool - points).T, (axes * [[1], [1], [1], [1], [1], [-1]]).T]))
+    other = search.arm_parts(
+        np.vstack([np.cross(axes, tool - points).T, (axes * [[1], [1], [1], [1], [1], [-1]]).T])
+    )
     assert np.sign(other["wrist"]) == -np.sign(found["wrist"])
-    crossing = search._next_to(np.zeros(3), np.array([1.0, 0, 0]), np.array([2.0, 5.0, 1.0]), np.array([0, 1.0, 0]))
+    crossing = search._next_to(
+        np.zeros(3), np.array([1.0, 0, 0]), np.array([2.0, 5.0, 1.0]), np.array([0, 1.0, 0])
+    )
     assert_allclose(crossing, [2.0, 0.0, 0.0])
     parallel = search._next_to(np.array([1.0, 2.0, 3.0]), axes[1], tool, axes[2])
     assert_allclose(parallel, [1.0, 2.0, 3.0])
     vector = np.array([0.3, -0.4, 0.2])
-    assert_allclose(search._rotation_about(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
+    assert_allclose(
+        search._rotation_about(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
 def test_deflections_at_rest_are_those_of_an_equilibrium(name: str) -> None:
     """Motors at known angles: springs hold gravity, by the residual of the equations of motion."""
     equations = (
-        derive(name) if name == "elbow" else derive(flexgen.read(name, overrides={"gravity": [0.0, -9.81, 0.0]}))
+        derive(name)
+        if name == "elbow"
+        else derive(flexgen.read(name, overrides={"gravity": [0.0, -9.81, 0.0]}))
     )
     made, model = solver(), equations.model
     made.model, made.i_g = model, list(model.i_g)
     q = np.array([0.4, -0.7])
     full = made._solve_deflections(q)
     zero = np.zeros(model.n_a)
-    a_a, _ = equations.function("forward_dynamics")(full, zero, model.eta @ q, np.zeros(model.n_m), np.zeros(model.n_m))
+    a_a, _ = equations.function("forward_dynamics")(
+        full, zero, model.eta @ q, np.zeros(model.n_m), np.zeros(model.n_m)
+    )
     still = np.abs(np.array(equations.function("mass_matrix")(full)) @ np.array(a_a)).max()
     size = np.abs(np.array(equations.function("gravity")(full))).max()
     assert still < 1e-6 * size and np.abs(full[list(model.i_g)] - q).max() > 1e-6

@@ -46,7 +46,8 @@ def test_states_of_bdf_satisfy_the_equations_with_its_differences(order: int) ->
         size = np.abs((A + c[0] / h * E) * found.x[k]).max(axis=1) + 1e-3
         assert np.all(np.abs(F[:, 0]) <= 1e-11 * size)
     other = bdf.march(case.dae, case.path, t, case.x_eq, 1, {1: (1.0, -1.01)})
-    assert np.abs(other.x - bdf.march(case.dae, case.path, t, case.x_eq).x).max() > 1e-3  # given coefficients are used
+    # given coefficients are used
+    assert np.abs(other.x - bdf.march(case.dae, case.path, t, case.x_eq).x).max() > 1e-3
 
 
 def test_iterations_of_bdf_are_the_equations_that_newtons_method_solves() -> None:
@@ -58,7 +59,11 @@ def test_iterations_of_bdf_are_the_equations_that_newtons_method_solves() -> Non
 
     names = ("n", "n_x", "targets", "scales")
     counted: Any = SimpleNamespace(**{name: getattr(case.dae, name) for name in names}, rows=rows)
-    assert bdf.march(counted, case.path, np.linspace(0.0, 0.4, 6), case.x_eq, 2).iterations == len(seen) > 10
+    assert (
+        bdf.march(counted, case.path, np.linspace(0.0, 0.4, 6), case.x_eq, 2).iterations
+        == len(seen)
+        > 10
+    )
 
 
 def test_extrapolation_removes_the_leading_error() -> None:
@@ -71,7 +76,9 @@ def test_extrapolation_removes_the_leading_error() -> None:
     assert found.iterations == coarse.iterations + fine.iterations
     assert_array_equal(found.t, t)
     first = bdf.extrapolate(case.dae, case.path, t, case.x_eq)
-    plain, finer = (bdf.march(case.dae, case.path, s, case.x_eq, 1) for s in (t, np.linspace(0.0, 0.4, 11)))
+    plain, finer = (
+        bdf.march(case.dae, case.path, s, case.x_eq, 1) for s in (t, np.linspace(0.0, 0.4, 11))
+    )
     assert_allclose(first.x, 2 * finer.x[::2] - plain.x, atol=1e-12)
 
 
@@ -86,12 +93,22 @@ def test_bdf_names_the_instant_where_newton_fails_and_where_the_equations_are_si
         F, A, E = case.dae.rows(*x)
         return [F, 0 * A, 0 * E]
 
-    with pytest.raises(SolverError, match=r"singular at t = 0\.1 s, a singular pose; choose another path"):
+    with pytest.raises(
+        SolverError, match=r"singular at t = 0\.1 s, a singular pose; choose another path"
+    ):
         bdf.march(altered(singular), case.path, t, case.x_eq)
     noise = iter(np.random.default_rng(0).uniform(1, 2, 999))
-    with pytest.raises(SolverError, match=r"does not converge at t = 0\.1 s, last correction .* rad or m; try a finer"):
+    with pytest.raises(
+        SolverError,
+        match=r"does not converge at t = 0\.1 s, last correction .* rad or m; try a finer",
+    ):
         bdf.march(
-            altered(lambda *x: [case.dae.rows(*x)[0] * next(noise) + next(noise), *case.dae.rows(*x)[1:]]),
+            altered(
+                lambda *x: [
+                    case.dae.rows(*x)[0] * next(noise) + next(noise),
+                    *case.dae.rows(*x)[1:],
+                ]
+            ),
             case.path,
             t,
             case.x_eq,
@@ -105,24 +122,35 @@ def test_the_order_of_bdf_falls_at_a_lightly_damped_zero() -> None:
     assert bdf.stable_order(np.zeros(0), 1e-3) == 3
 
 
-def timed(duration: float, settling: float, preview: float | None, **more: object) -> SimpleNamespace:
+def timed(
+    duration: float, settling: float, preview: float | None, **more: object
+) -> SimpleNamespace:
     """What a method reads of a problem."""
-    return SimpleNamespace(path=SimpleNamespace(duration=duration), windows=(9.0, settling), preview=preview, **more)
+    return SimpleNamespace(
+        path=SimpleNamespace(duration=duration), windows=(9.0, settling), preview=preview, **more
+    )
 
 
 def test_instants_have_the_ends_of_the_path_and_at_most_the_given_step() -> None:
     t = initial_value.instants(timed(1.0, 0.35, 0.3), 0.3)
     assert_allclose(t, 0.25 * np.arange(-2, 7))
     assert_allclose(initial_value.instants(timed(1.0, 0.0, None), 0.25), 0.25 * np.arange(5))
-    assert_allclose(initial_value.instants(timed(1.0, 0.0, None), 0.25 - 1e-12), 0.25 * np.arange(5))
+    assert_allclose(
+        initial_value.instants(timed(1.0, 0.0, None), 0.25 - 1e-12), 0.25 * np.arange(5)
+    )
     assert_allclose(initial_value.instants(timed(0.5, 0.0, 0.0), 9.0), [0.0, 0.5])
     assert len(initial_value.instants(timed(1.0, 0.0, None), 1 / initial_value.STEPS)) == 200_001
-    with pytest.raises(ArgumentError, match=r"steps of 5e-06 s, which makes 200001, expected at most 200000; take a"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"steps of 5e-06 s, which makes 200001, expected at most 200000; take a",
+    ):
         initial_value.instants(timed(1.0, 5e-6, None), 1 / initial_value.STEPS)
 
 
 def test_zeros_along_a_problem_are_those_of_all_poses() -> None:
-    found = initial_value.zeros_along(SimpleNamespace(zeros=[(0.0, np.array([-1.0])), (1.0, np.array([-2.0, 3j]))]))
+    found = initial_value.zeros_along(
+        SimpleNamespace(zeros=[(0.0, np.array([-1.0])), (1.0, np.array([-2.0, 3j]))])
+    )
     assert_array_equal(found, [-1, -2, 3j])
     assert initial_value.zeros_along(SimpleNamespace(zeros=[])).shape == (0,)
 
@@ -136,7 +164,9 @@ def test_where_initial_value_methods_do_not_apply_the_reason_and_another_method_
         initial_value.check_causal(InversionProblem(equations, path), "bdf")
     initial_value.check_causal(arm().problem, "bdf")
     fake = SimpleNamespace(
-        equations=arm().problem.equations, path=path, unstable_zero=SimpleNamespace(value=3.0 - 4j, t=0.25)
+        equations=arm().problem.equations,
+        path=path,
+        unstable_zero=SimpleNamespace(value=3.0 - 4j, t=0.25),
     )
     with pytest.raises(ArgumentError, match=r"zero at \+3 \+- 4i 1/s at t = 0\.25 s"):
         initial_value.check_causal(fake, "bdf")
@@ -148,7 +178,12 @@ def test_the_result_of_states_has_accelerations_and_gear_torques() -> None:
     t = np.linspace(-0.1, 1.0, 34)
     found = bdf.march(case.dae, case.path, t, case.x_eq, 2)
     made = initial_value.result_of_states(
-        case.problem, case.dae, initial_value.States(t, found.x, found.dx), iterations=7, verdict="v", details={"a": 1}
+        case.problem,
+        case.dae,
+        initial_value.States(t, found.x, found.dx),
+        iterations=7,
+        verdict="v",
+        details={"a": 1},
     )
     model, n = case.dae.model, case.dae.n
     assert (made.preactuation, made.verdict, made.iterations, made.intervals) == (0.1, "v", 7, 33)
@@ -186,7 +221,9 @@ def test_the_result_of_states_has_accelerations_and_gear_torques() -> None:
 
 def test_a_joint_move_of_a_robot_without_free_coordinates_prescribes_the_coordinates() -> None:
     equations = flexgen.derive("elbow")
-    joint = replace(equations.model.moves[0], type="joint", end=(0.4, 0.9), start=(0.2, 0.7), displacement=())
+    joint = replace(
+        equations.model.moves[0], type="joint", end=(0.4, 0.9), start=(0.2, 0.7), displacement=()
+    )
     assert initial_value.dae_of(InversionProblem(equations, Path(equations, joint))).joints
     assert not arm().dae.joints
 
@@ -247,7 +284,9 @@ def test_the_split_of_the_array_satisfies_its_definitions() -> None:
     assert np.abs(system.rows(X, U)).max() < 1e-10
     assert_allclose(X[:, 0], case.x_eq, atol=1e-9)
     F = np.array(case.dae.rows(X[:, 0], X[:, 1], U[:, 0])[0]).ravel()
-    assert_allclose(system.motion(X[:, 0], X[:, 1], U[:, 0]), F / system.row[: system.n], atol=1e-14)
+    assert_allclose(
+        system.motion(X[:, 0], X[:, 1], U[:, 0]), F / system.row[: system.n], atol=1e-14
+    )
     split = system.split(X, U)
     N, M = system._jacobians(X, U)
     n, a, d = system.n, 8, 2
@@ -264,20 +303,26 @@ def test_the_split_of_the_array_satisfies_its_definitions() -> None:
     step = np.zeros_like(X)
     step[1, 0] = step[0, 1] = 1e-6
     moved = system.rows(X + system.units * step, U) - system.rows(X - system.units * step, U)
-    assert_allclose(moved / 2e-6, N[:, 1] + M[:, 0], atol=1e-5 * max(np.abs(N).max(), np.abs(M).max()))
+    assert_allclose(
+        moved / 2e-6, N[:, 1] + M[:, 0], atol=1e-5 * max(np.abs(N).max(), np.abs(M).max())
+    )
 
 
 def test_an_array_that_is_too_short_or_of_negative_order_is_refused() -> None:
     case = arm()
     with pytest.raises(ArgumentError, match="mu: given -1, expected 0 or more"):
         StrangenessFree(case.dae, -1, case.x_eq)
-    with pytest.raises(SolverError, match=r"array of order 1 does not make the DAE regular: corank .* 10 unknowns"):
+    with pytest.raises(
+        SolverError, match=r"array of order 1 does not make the DAE regular: corank .* 10 unknowns"
+    ):
         StrangenessFree(case.dae, 1, case.x_eq).a  # noqa: B018
     system = StrangenessFree(case.dae, 3, case.x_eq)
     far = np.full((case.dae.n_u, 4), 50.0)
     X = np.zeros((system.n, 5))
     X[:, 0] = case.x_eq
-    with pytest.raises(SolverError, match="no consistent values found: the path leaves the workspace"):
+    with pytest.raises(
+        SolverError, match="no consistent values found: the path leaves the workspace"
+    ):
         system.consistent(X, far)
 
 
@@ -290,7 +335,9 @@ def test_a_null_space_is_that_of_scipy() -> None:
 def test_the_reduced_system_has_consistent_values_and_a_good_choice_of_states() -> None:
     case = arm()
     dummies = DummyDerivatives(case.dae, *reduced.offsets(case.dae))
-    assert dummies.freedom == 2 == sum(dummies.d) - sum(dummies.c) and dummies.orders == max(dummies.c)
+    assert dummies.freedom == 2 == sum(dummies.d) - sum(dummies.c) and dummies.orders == max(
+        dummies.c
+    )
     Y = dummies.at_rest(case.x_eq)
     x, dx = dummies.states_of(Y[None])
     assert_array_equal(x[0], case.x_eq)
@@ -298,11 +345,15 @@ def test_the_reduced_system_has_consistent_values_and_a_good_choice_of_states() 
     t = 0.3
     U = case.dae.targets(case.path.sample(np.array([t])), dummies.orders)[0]
     choice = dummies.choose(Y, U)
-    assert len(choice.states) == 2 and sorted(choice.states + choice.algebraic) == list(range(dummies.size))
+    assert len(choice.states) == 2 and sorted(choice.states + choice.algebraic) == list(
+        range(dummies.size)
+    )
     assert_array_equal(np.array(choice.rates), np.array(choice.states) + 1)
     scale = dummies.scales(case.x_eq)
     size, torque, rate = case.dae.scales(case.x_eq)
-    expected = [z * rate**r for z, k in zip([*size, *torque], dummies.d, strict=True) for r in range(k + 1)]
+    expected = [
+        z * rate**r for z, k in zip([*size, *torque], dummies.d, strict=True) for r in range(k + 1)
+    ]
     assert_allclose(scale, expected)
     found, count = dummies.consistent(choice, Y, U, scale)
     G, slope = (np.array(z) for z in dummies.system(found, U))
@@ -322,9 +373,14 @@ def test_the_reduced_system_has_consistent_values_and_a_good_choice_of_states() 
         least = [np.linalg.svd(A, compute_uv=False)[-1] for A in (J[rows][:, columns], J[rows])]
         worst = min(worst, least[0] / least[1])
     assert_allclose(quality, worst, rtol=1e-10)
-    with pytest.raises(SolverError, match="no consistent values found: the path leaves the workspace"):
+    with pytest.raises(
+        SolverError, match="no consistent values found: the path leaves the workspace"
+    ):
         dummies.consistent(choice, Y, U + 50.0, scale)
-    with pytest.raises(ArgumentError, match=r"offsets: given 3 of rows and 6 of unknowns, expected 6 and 6; a struct"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"offsets: given 3 of rows and 6 of unknowns, expected 6 and 6; a struct",
+    ):
         DummyDerivatives(case.dae, (1, 2, 3), dummies.d)
 
 
@@ -336,7 +392,11 @@ def test_a_few_steps_of_idas_have_the_torques_of_bdf() -> None:
     x, _ = dummies.states_of(found.Y)
     tau = bdf.march(case.dae, case.path, np.linspace(0.0, 0.12, 37), case.x_eq, 3).x[::12, 8:]
     assert_allclose(x[:, 8:], tau, atol=5e-3 * np.abs(tau).max())
-    assert (found.choices, found.freedom, found.rtol) == (1, 2, 1e-11) and found.steps > 10 and found.iterations > 10
+    assert (
+        (found.choices, found.freedom, found.rtol) == (1, 2, 1e-11)
+        and found.steps > 10
+        and found.iterations > 10
+    )
 
 
 @pytest.mark.parametrize("order", [2, 4, 6])
@@ -372,7 +432,9 @@ def test_a_step_of_the_discretized_problem_is_the_minimum_of_its_quadratic_model
     """The same system with dense matrices, the cost and the output's softness as stated at the top of the module."""
     case = arm()
     system = discretized._System(case.problem, 0.25, 2, 0.0, 0.3)
-    assert (system.N, system.m, system.h) == (7, 1, 0.25) and system.delta == pytest.approx(1.6e-18 * 16)
+    assert (system.N, system.m, system.h) == (7, 1, 0.25) and system.delta == pytest.approx(
+        1.6e-18 * 16
+    )
     assert_allclose(system.t, 0.25 * np.arange(-1, 8))
     model = case.dae.model
     ratio = np.abs(model.eta).max(axis=1)
@@ -394,7 +456,9 @@ def test_a_step_of_the_discretized_problem_is_the_minimum_of_its_quadratic_model
 
     def rows(s: float) -> np.ndarray:
         moved = y + s * dy * system.scale_y, tau + s * dtau * system.tau_0
-        return np.r_[(system.residual(*moved) * system.row_scale).ravel(), system.errors(moved[0])[0].ravel()]
+        return np.r_[
+            (system.residual(*moved) * system.row_scale).ravel(), system.errors(moved[0])[0].ravel()
+        ]
 
     slope = (rows(e) - rows(-e)) / (2 * e)
     assert_allclose(A @ np.r_[dy.ravel(), dtau.ravel()], slope, atol=1e-5 * np.abs(slope).max())
@@ -414,12 +478,19 @@ def test_a_step_of_the_discretized_problem_is_the_minimum_of_its_quadratic_model
     assert_allclose(y[:2] / system.scale_y, system.aim[:2] / system.scale_y, atol=1e-4)
 
 
-def test_too_many_nodes_and_missing_convergence_name_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_nodes_and_missing_convergence_name_what_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     case = arm()
-    with pytest.raises(ArgumentError, match=r"mesh: given 1e-07 s, which makes 10000001 nodes, expected at most"):
+    with pytest.raises(
+        ArgumentError, match=r"mesh: given 1e-07 s, which makes 10000001 nodes, expected at most"
+    ):
         discretized._System(case.problem, 1e-7, 2, 0.0, 0.0)
     monkeypatch.setattr(discretized, "STEPS", 1)
-    with pytest.raises(SolverError, match=r"no convergence in 1 steps, the last one .* rad or m and .* of the torque"):
+    with pytest.raises(
+        SolverError,
+        match=r"no convergence in 1 steps, the last one .* rad or m and .* of the torque",
+    ):
         discretized.discretize(case.problem, 0.2, 2, 0.0, 0.0)
 
 
@@ -429,7 +500,9 @@ def test_solutions_of_the_methods_say_how_they_were_made() -> None:
     equations, path = case.problem.equations, case.path
     problem = InversionProblem(equations, path, mesh=0.1, options={"order": 2}, preview=0.2)
     made = discretized.solve(problem, 0.1)
-    assert made.preactuation == pytest.approx(0.2) and made.details["spacing_s"] == pytest.approx(0.1)
+    assert made.preactuation == pytest.approx(0.2) and made.details["spacing_s"] == pytest.approx(
+        0.1
+    )
     assert made.details["order"] == 2 and made.intervals == len(made.t) - 1
     default = discretized.solve(InversionProblem(equations, path), 0.25)
     assert default.details["spacing_s"] == pytest.approx(0.1) and default.details["order"] == 4
@@ -455,15 +528,24 @@ def test_the_dae_of_a_joint_move_has_the_coordinates_as_output() -> None:
     assert_allclose(dae.target_at(x), x[list(dae.model.i_g)])
 
 
-def test_a_step_with_a_soft_output_weighs_its_error_by_the_softness(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_with_a_soft_output_weighs_its_error_by_the_softness(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Dense: ``min x' H x / 2 + |e|^2 / (2 delta)`` on the linear equations of motion, about the point of the step."""
     monkeypatch.setattr(discretized, "DELTA", 1e-2)
     system = discretized._System(arm().problem, 0.25, 2, 0.0, 0.3)
     chance = np.random.default_rng(5)
     y, tau = system.start()
-    y, tau = y + 1e-2 * chance.normal(size=y.shape) * system.scale_y, tau + chance.normal(size=tau.shape)
+    y, tau = (
+        y + 1e-2 * chance.normal(size=y.shape) * system.scale_y,
+        tau + chance.normal(size=tau.shape),
+    )
     error, output = system.errors(y)
-    A, H, cut = system.jacobian(y, tau, output).toarray(), system.hessian.toarray(), system.N * system.n
+    A, H, cut = (
+        system.jacobian(y, tau, output).toarray(),
+        system.hessian.toarray(),
+        system.N * system.n,
+    )
     c = np.r_[(system.residual(y, tau) * system.row_scale).ravel(), error.ravel()]
     offset = np.r_[((y - system.aim) / system.scale_y).ravel(), (tau / system.tau_0).ravel()]
     scale = np.diag(1 / np.sqrt(1.0 + np.diag(H)))
@@ -473,24 +555,52 @@ def test_a_step_with_a_soft_output_weighs_its_error_by_the_softness(monkeypatch:
     whole = np.block([[curvature, dynamic.T], [dynamic, np.zeros((cut, cut))]])
     x = scale @ np.linalg.solve(whole, -np.r_[slope, c[:cut]])[: A.shape[1]]
     found = system.step(y, tau)
-    assert_allclose(found[0].ravel(), (x[: y.size].reshape(y.shape) * system.scale_y).ravel(), rtol=1e-5, atol=1e-7)
-    assert_allclose(found[1].ravel(), (x[y.size :].reshape(tau.shape) * system.tau_0).ravel(), rtol=1e-5, atol=1e-6)
+    assert_allclose(
+        found[0].ravel(),
+        (x[: y.size].reshape(y.shape) * system.scale_y).ravel(),
+        rtol=1e-5,
+        atol=1e-7,
+    )
+    assert_allclose(
+        found[1].ravel(),
+        (x[y.size :].reshape(tau.shape) * system.tau_0).ravel(),
+        rtol=1e-5,
+        atol=1e-6,
+    )
 
 
-def test_an_integration_that_fails_is_tried_again_and_named_by_its_last_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_integration_that_fails_is_tried_again_and_named_by_its_last_words(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The last line of the error of IDAS, the instant, and the tolerance of the last attempt."""
     tolerances: list[float] = []
 
-    def fail(name: str, solver: str, system: Any, begin: float, times: list[float], options: dict[str, Any]) -> Any:
+    def fail(
+        name: str,
+        solver: str,
+        system: Any,
+        begin: float,
+        times: list[float],
+        options: dict[str, Any],
+    ) -> Any:
         tolerances.append(options["reltol"])
         raise RuntimeError(f"in {name}\nIDA_CONV_FAIL at {len(tolerances)}\n")
 
     monkeypatch.setattr(reduced.ca, "integrator", fail)
     choice: Any = SimpleNamespace(states=(0,), algebraic=(1,), rates=(0,))
     dummies: Any = SimpleNamespace(
-        system=lambda Y, given: (None, ca.DM.eye(2)), index_one=lambda choice: lambda s, z, given: (s, z)
+        system=lambda Y, given: (None, ca.DM.eye(2)),
+        index_one=lambda choice: lambda s, z, given: (s, z),
     )
-    given: Any = (dummies, choice, lambda time: 0, np.ones(2), np.ones(2), np.linspace(0.25, 1.0, 7), 1e-6)
+    given: Any = (
+        dummies,
+        choice,
+        lambda time: 0,
+        np.ones(2),
+        np.ones(2),
+        np.linspace(0.25, 1.0, 7),
+        1e-6,
+    )
     with pytest.raises(SolverError) as caught:
         reduced._states(*given)
     factors = [factor for _, factor in reduced.RETRIES]

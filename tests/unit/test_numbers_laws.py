@@ -33,7 +33,10 @@ def test_gains_of_a_chain_place_its_poles() -> None:
     w = 2 * np.pi * 1.5
     assert_allclose(chain.chain_gains(1.5, 3, "continuous", H), [w**3, 3 * w**2, 3 * w])
     gains = chain.chain_gains(1.5, 3, "discrete", H)
-    A, B = np.eye(3) + np.diag([H, H], 1) + np.diag([H**2 / 2], 2), np.array([H**3 / 6, H**2 / 2, H])
+    A, B = (
+        np.eye(3) + np.diag([H, H], 1) + np.diag([H**2 / 2], 2),
+        np.array([H**3 / 6, H**2 / 2, H]),
+    )
     poles = np.linalg.eigvals(A - np.outer(B, gains))
     assert_allclose(np.poly(poles), np.poly([math.exp(-w * H)] * 3), atol=1e-9)
 
@@ -41,7 +44,9 @@ def test_gains_of_a_chain_place_its_poles() -> None:
 @pytest.mark.parametrize("predicted", [False, True])
 @pytest.mark.parametrize("differences", [False, True])
 @pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.014])
-def test_the_matrix_of_a_sampled_chain_is_its_simulation(delay: float, predicted: bool, differences: bool) -> None:
+def test_the_matrix_of_a_sampled_chain_is_its_simulation(
+    delay: float, predicted: bool, differences: bool
+) -> None:
     """Ten samples of a chain of three integrators under late held inputs, by its exact solution."""
     gains, timing = np.array([200.0, 90.0, 15.0]), Timing(H, delay, predicted, differences)
 
@@ -52,7 +57,11 @@ def test_the_matrix_of_a_sampled_chain_is_its_simulation(delay: float, predicted
     loop = chain.chain_loop(gains, timing)
     whole = timing.whole
     assert loop.shape == (6 + whole + 2,) * 2
-    x, last, inputs = np.array([1.0, -2.0, 3.0]), np.array([0.9, -1.0, 2.0]), [0.5, -0.7, 0.3][: whole + 2]
+    x, last, inputs = (
+        np.array([1.0, -2.0, 3.0]),
+        np.array([0.9, -1.0, 2.0]),
+        [0.5, -0.7, 0.3][: whole + 2],
+    )
     z = np.r_[x, last, inputs]
     for _ in range(10):
         seen = x.copy()
@@ -102,18 +111,28 @@ def test_parts_of_loop_shaping_are_their_transfer_functions() -> None:
     s = 2.0 + 3.0j
     delay = loop_shaping.pade(0.1, 2)
     assert_allclose(
-        transfer(delay, s), (12 - 6 * 0.1 * s + (0.1 * s) ** 2) / (12 + 6 * 0.1 * s + (0.1 * s) ** 2) * np.eye(2)
+        transfer(delay, s),
+        (12 - 6 * 0.1 * s + (0.1 * s) ** 2) / (12 + 6 * 0.1 * s + (0.1 * s) ** 2) * np.eye(2),
     )
     assert_allclose(transfer(loop_shaping.pade(0.0, 2), s), np.eye(2))
     chance = np.random.default_rng(1)
     first = tuple(chance.normal(size=x) for x in ((2, 2), (2, 3), (1, 2), (1, 3)))
     second = tuple(chance.normal(size=x) for x in ((3, 3), (3, 1), (2, 3), (2, 1)))
-    assert_allclose(transfer(loop_shaping.series(first, second), s), transfer(second, s) @ transfer(first, s))
+    assert_allclose(
+        transfer(loop_shaping.series(first, second), s), transfer(second, s) @ transfer(first, s)
+    )
     law = loop_shaping.LoopShaping(2.0, 0.3, 50.0)
     w_c, w_i, w_l = 2 * np.pi * np.array([2.0, 0.3, 50.0])
     shape = w_c**2 * (s + w_i) / s * w_l**2 / (s**2 + np.sqrt(2) * w_l * s + w_l**2)
-    assert_allclose(transfer(law._shape(np.array([0.5, 3.0])), s), shape * np.diag([0.5, 3.0]), rtol=1e-9)
-    for name, value in (("crossover_hz", 0.0), ("low_pass_hz", 1.1e5), ("integral_hz", -1.0), ("factor", 1.0)):
+    assert_allclose(
+        transfer(law._shape(np.array([0.5, 3.0])), s), shape * np.diag([0.5, 3.0]), rtol=1e-9
+    )
+    for name, value in (
+        ("crossover_hz", 0.0),
+        ("low_pass_hz", 1.1e5),
+        ("integral_hz", -1.0),
+        ("factor", 1.0),
+    ):
         with pytest.raises(ArgumentError, match=name):
             loop_shaping.LoopShaping(**{name: value})
 
@@ -128,7 +147,10 @@ def test_a_coprime_controller_of_an_integrator() -> None:
     assert np.linalg.eigvals(loop).real.max() < 0 and not D.any()
     L = 1 - gamma**2 + 1
     assert_allclose([A[0, 0], B[0, 0], C[0, 0]], [-1 + gamma**2 / L, gamma**2 / L, -1.0])
-    with pytest.raises(SolverError, match="H-infinity controller: the Riccati equations have no solution at the pose"):
+    with pytest.raises(
+        SolverError,
+        match="H-infinity controller: the Riccati equations have no solution at the pose",
+    ):
         loop_shaping.coprime_controller((np.eye(1), 0 * one, 0 * one, 0 * one), 1.1)
 
 
@@ -145,7 +167,10 @@ def test_a_lower_frequency_is_named_where_the_loop_is_unstable() -> None:
     assert law._find_stable(attempt) == "a lower one, such as 4.1 Hz, or a shorter sample time"
     assert asked == [8.0, 6.4, 5.1, 4.1]
     asked.clear()
-    assert law._find_stable(lambda of: (None, 1.0)) == "a shorter sample time or delay, or another low_pass_hz"
+    assert (
+        law._find_stable(lambda of: (None, 1.0))
+        == "a shorter sample time or delay, or another low_pass_hz"
+    )
 
 
 def pose(n: int = 2, n_m: int = 1, n_y: int = 2) -> PoseModel:
@@ -155,7 +180,9 @@ def pose(n: int = 2, n_m: int = 1, n_y: int = 2) -> PoseModel:
     B = np.vstack([np.zeros((n, n_m)), chance.normal(size=(n, n_m))])
     push, arm = np.vstack([np.zeros((n, 3)), chance.normal(size=(n, 3))]), np.zeros((2 * n, 1))
     C = np.hstack([chance.normal(size=(n_y, n)), np.zeros((n_y, n))])
-    return PoseModel(A, B, push, arm, C, np.zeros((n_y, n_m)), np.zeros((n_y, 1)), chance.normal(size=(1, n)))
+    return PoseModel(
+        A, B, push, arm, C, np.zeros((n_y, n_m)), np.zeros((n_y, 1)), chance.normal(size=(1, n))
+    )
 
 
 def test_the_regulator_minimizes_the_cost_of_the_module() -> None:
@@ -167,7 +194,9 @@ def test_the_regulator_minimizes_the_cost_of_the_module() -> None:
     Q += 1e-12 * np.trace(Q) / 5 * np.eye(5)
     R = 3.0 / 16 * np.eye(1)
     P = solve_discrete_are(F, G, Q, R)
-    assert_allclose(regulator(at, F, G, 3.0, u_max), np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F), rtol=1e-9)
+    assert_allclose(
+        regulator(at, F, G, 3.0, u_max), np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F), rtol=1e-9
+    )
     motors = [SimpleNamespace(torque_max=x) for x in (3.0, None, 7.0)]
     assert torque_scale(SimpleNamespace(motors=motors)).tolist() == [3, 7, 7]
     assert torque_scale(SimpleNamespace(motors=motors[1:2])).tolist() == [1.0]
@@ -197,7 +226,10 @@ def test_lqg_is_a_stationary_filter_and_the_regulator_on_its_estimate(delay: flo
     full = np.block([[F, np.zeros((size, 2))], [np.zeros((2, size)), np.eye(2)]])
     full[:n, size:] = held(at.B)
     Q = 1e-18 * np.eye(size + 2)
-    Q[:n, :n] += held(at.B) @ np.diag((0.03 * u_max) ** 2) @ held(at.B).T + 2500 * held(at.push) @ held(at.push).T
+    Q[:n, :n] += (
+        held(at.B) @ np.diag((0.03 * u_max) ** 2) @ held(at.B).T
+        + 2500 * held(at.push) @ held(at.push).T
+    )
     Q[size:, size:] += np.diag((0.5 * u_max) ** 2 * 1e-3)
     C = np.hstack([at.C, np.zeros((5, size + 2 - n))])
     R = np.diag(np.r_[[2e-4] * 2, [10 * model.sensors[0].noise] * 3] ** 2)
@@ -248,7 +280,13 @@ def motion_of(model: object, exact: bool = True, **more: object) -> SimpleNamesp
         held=np.ones((3, model.n_m)),
     )
     return SimpleNamespace(
-        model=model, reference=reference, sample_s=1e-3, delay_s=0.0, exact_state=exact, equations=derive(model), **more
+        model=model,
+        reference=reference,
+        sample_s=1e-3,
+        delay_s=0.0,
+        exact_state=exact,
+        equations=derive(model),
+        **more,
     )
 
 
@@ -259,9 +297,7 @@ def test_an_unstable_pose_is_named() -> None:
     k = np.hstack([np.zeros((2, 2)), np.eye(2)])
     J, w = np.diag(motor_laws.motor_inertias(model, at_rest(model))[0]), 2 * np.pi * 3
     stability.check_pose_loop(motion, lambda q: (w**2 * J @ k, 2 * w * J @ k), "x: given 1")
-    text = (
-        r"controller, x: given 1, with which the loop is unstable at the pose 1 s after the begin of the motion, at 1"
-    )
+    text = r"controller, x: given 1, with which the loop is unstable at the pose 1 s after the begin of the motion, at 1"
     with pytest.raises(ArgumentError, match=text):
         stability.check_pose_loop(motion, lambda q: (-50 * k, none), "x: given 1")
 
@@ -278,12 +314,16 @@ def test_gains_of_tomei_and_of_joint_torque_feedback() -> None:
     assert_array_equal(own, [[1, 2], [3, 4]])
     motor_laws._check_gravity(motion, np.array([1e3, 1e3]))
     with pytest.raises(
-        ArgumentError, match=r"controller TomeiPD: given k_p = \[1\.e-09 1\.e-09\], with which the smallest"
+        ArgumentError,
+        match=r"controller TomeiPD: given k_p = \[1\.e-09 1\.e-09\], with which the smallest",
     ):
         motor_laws._check_gravity(motion, np.array([1e-9, 1e-9]))
     K = np.array([2e4, 1e4])
     gains = motor_laws.JointTorqueFeedback(2.0)._gains(motion, K)
-    ratio, M = np.diag(model.eta), np.diag(np.array(motion.equations.function("mass_matrix")(at_rest(model)[0][0])))
+    ratio, M = (
+        np.diag(model.eta),
+        np.diag(np.array(motion.equations.function("mass_matrix")(at_rest(model)[0][0]))),
+    )
     rotor, w = np.array([m.inertia for m in model.motors]) * ratio**2, 2 * np.pi * 2.0
     for j in range(2):  # the polynomial of the comment, arm side
         p, d, t, s = gains[:, j] * [ratio[j] ** 2, ratio[j] ** 2, 1, 1]
@@ -302,9 +342,17 @@ def test_gains_of_tomei_and_of_joint_torque_feedback() -> None:
     )
     for law, given, text in (
         (motor_laws.TomeiPD, {"k_p": (1.0, 2.0)}, "given one of them, expected both or none"),
-        (motor_laws.TomeiPD, {"k_p": (1.0, 0.0), "k_d": (1, 1)}, r"k_p: given .*, expected numbers > 0, one for each"),
+        (
+            motor_laws.TomeiPD,
+            {"k_p": (1.0, 0.0), "k_d": (1, 1)},
+            r"k_p: given .*, expected numbers > 0, one for each",
+        ),
         (motor_laws.TomeiPD, {"damping": 0.0}, "controller, damping: given 0.0"),
-        (motor_laws.JointTorqueFeedback, {"k_p": (1.0,), "k_d": (1.0,)}, "expected all four or none"),
+        (
+            motor_laws.JointTorqueFeedback,
+            {"k_p": (1.0,), "k_d": (1.0,)},
+            "expected all four or none",
+        ),
         (
             motor_laws.JointTorqueFeedback,
             {"k_t": (np.inf,)},
@@ -313,16 +361,20 @@ def test_gains_of_tomei_and_of_joint_torque_feedback() -> None:
     ):
         with pytest.raises(ArgumentError, match=text):
             law(**given)
-    with pytest.raises(ArgumentError, match=r"k_p: given \(1\.0,\), expected 2 numbers > 0, one for each motor"):
+    with pytest.raises(
+        ArgumentError, match=r"k_p: given \(1\.0,\), expected 2 numbers > 0, one for each motor"
+    ):
         motor_laws.TomeiPD(k_p=(1.0,), k_d=(1.0,))._gains(motion)
     coupled = replace(
         model,
         motors=tuple(
-            replace(m, drives=("q1", "q2"), ratio=(90.0, r)) for m, r in zip(model.motors, (80.0, -80.0), strict=True)
+            replace(m, drives=("q1", "q2"), ratio=(90.0, r))
+            for m, r in zip(model.motors, (80.0, -80.0), strict=True)
         ),
     )
     with pytest.raises(
-        ArgumentError, match="with motors that drive several joints, expected the gains k_p, k_d, k_t, k_s"
+        ArgumentError,
+        match="with motors that drive several joints, expected the gains k_p, k_d, k_t, k_s",
     ):
         motor_laws.JointTorqueFeedback(2.0)._gains(replace_model(motion, coupled), K)
 
@@ -331,15 +383,21 @@ def replace_model(motion: SimpleNamespace, model: object) -> SimpleNamespace:
     return SimpleNamespace(**{**vars(motion), "model": model})
 
 
-@pytest.mark.parametrize(("exact", "delay"), [(True, 0.0), (True, 2e-3), (False, 0.0), (False, 2e-3)])
-def test_matrices_of_state_feedback_are_the_feedback_of_the_state(exact: bool, delay: float) -> None:
+@pytest.mark.parametrize(
+    ("exact", "delay"), [(True, 0.0), (True, 2e-3), (False, 0.0), (False, 2e-3)]
+)
+def test_matrices_of_state_feedback_are_the_feedback_of_the_state(
+    exact: bool, delay: float
+) -> None:
     """Three samples of u = -K (x, torques under way) on random deviations."""
     model = flexgen.read("elbow")
     late = round(delay / 1e-3)
     chance = np.random.default_rng(6)
     K, h = chance.normal(size=(2, 8 + 2 * late)), 1e-3
     n_y = 2 + 2 + (8 if exact else 0)
-    motion = SimpleNamespace(model=model, sample_s=h, exact_state=exact, state_channel=4 if exact else -1)
+    motion = SimpleNamespace(
+        model=model, sample_s=h, exact_state=exact, state_channel=4 if exact else -1
+    )
     A, B, C, D = LQ(1.0)._part(K, motion, None if exact else np.array([3, 2]), n_y)
     z, under_way, last = np.zeros(len(A)), np.zeros((late, 2)), np.zeros(4)
     for _ in range(4):
@@ -367,7 +425,9 @@ class Functions(dict):
         rows = {
             "forward_dynamics": lambda q, v, p, w, u: (self.rest(q, p) - 0.1 * v, 3.0 * u - p),
             "flexible_joint_motion": lambda q, v, p, w: (self.rest(q, p), self.rest(v, w)),
-            "flexible_joint_torque": lambda q, v, a, j, s, p, w: (2 * s + a - 0.5 * j + q - v + p - w,),
+            "flexible_joint_torque": lambda q, v, a, j, s, p, w: (
+                2 * s + a - 0.5 * j + q - v + p - w,
+            ),
             "inversion_rows": lambda q, v, a: (a @ self.M + q, v),
             "motor_friction": lambda w: 0.7 * w,
             "gear_law": lambda d: (d @ self.K, np.diag(self.K) + 0 * d),
@@ -378,12 +438,23 @@ class Functions(dict):
         return (p - q) @ self.K
 
 
-def law(name: str, gains: np.ndarray, table: np.ndarray, uses: tuple, timing: Timing, **more: object) -> bound.BoundLaw:
+def law(
+    name: str, gains: np.ndarray, table: np.ndarray, uses: tuple, timing: Timing, **more: object
+) -> bound.BoundLaw:
     made = {"cogging": None, "torque_ripple": None, "lugre": None, "friction": None}
     motors = [SimpleNamespace(inertia=x, **made) for x in (0.1, 0.2)]
-    model = SimpleNamespace(n_m=2, eta=np.array([[10.0, 2.0], [0.0, -20.0]]), motors=motors, coordinates=())
-    fields = {"state": -1, "channels": np.array([3, 2]), "start": np.array([0.5, -0.5]), "steps_per_s": 900.0} | more
-    return bound.BoundLaw(name, model, SimpleNamespace(functions=Functions()), uses, timing, table, gains, **fields)
+    model = SimpleNamespace(
+        n_m=2, eta=np.array([[10.0, 2.0], [0.0, -20.0]]), motors=motors, coordinates=()
+    )
+    fields = {
+        "state": -1,
+        "channels": np.array([3, 2]),
+        "start": np.array([0.5, -0.5]),
+        "steps_per_s": 900.0,
+    } | more
+    return bound.BoundLaw(
+        name, model, SimpleNamespace(functions=Functions()), uses, timing, table, gains, **fields
+    )
 
 
 def steps_of(made: bound.BoundLaw, count: int = 3) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -404,16 +475,22 @@ def steps_of(made: bound.BoundLaw, count: int = 3) -> tuple[np.ndarray, list[np.
     ],
     ids=range(4),
 )
-def test_a_prediction_has_steps_for_each_torque_under_way(delay: float, parts: list[tuple[int, float, int]]) -> None:
+def test_a_prediction_has_steps_for_each_torque_under_way(
+    delay: float, parts: list[tuple[int, float, int]]
+) -> None:
     """The oldest torque first; then half a sample, in which the new one acts. At 10,000 steps in a second."""
     none = np.zeros((2, 2))
     made = law("joint_torque", none, none, (), Timing(1e-3, delay, True), steps_per_s=9999.0)
     found, half = made._segments()
-    assert [(age, steps) for age, _, steps in found] == [(age, steps) for age, _, steps in parts] and half == 5
+    assert [(age, steps) for age, _, steps in found] == [
+        (age, steps) for age, _, steps in parts
+    ] and half == 5
     assert_allclose([duration for _, duration, _ in found], [duration for _, duration, _ in parts])
     assert made._delayed == max((age for age, *_ in parts), default=0)
     slow = law("joint_torque", none, none, (), Timing(1e-3, delay, True), steps_per_s=1.0)
-    assert [steps for *_, steps in slow._segments()[0]] == [1] * len(parts) and slow._segments()[1] == 1
+    assert [steps for *_, steps in slow._segments()[0]] == [1] * len(parts) and slow._segments()[
+        1
+    ] == 1
     assert law("joint_torque", none, none, (), Timing(1e-3, delay))._segments() == ([], 0)
 
 
@@ -421,7 +498,10 @@ def test_steps_of_computed_torque_and_joint_torque_by_hand() -> None:
     chance = np.random.default_rng(9)
     functions, eta = Functions(), np.array([[10.0, 2.0], [0.0, -20.0]])
     back = np.linalg.inv(eta)
-    g, table = np.array([[4.0, 4.0], [3.0, 2.0], [0.2, 0.3], [0.05, 0.04]]), chance.normal(size=(2, 6))
+    g, table = (
+        np.array([[4.0, 4.0], [3.0, 2.0], [0.2, 0.3], [0.05, 0.04]]),
+        chance.normal(size=(2, 6)),
+    )
     made = law("computed_torque", g, table, ("rows", "friction"), Timing(H))
     y, found = steps_of(made)
     for k in range(3):
@@ -438,10 +518,17 @@ def test_steps_of_computed_torque_and_joint_torque_by_hand() -> None:
         for k in range(3):
             d = table[k].reshape(5, 2)
             q_m, q_a = y[k, :2], y[k, [3, 2]]
-            v_m, v_a = ((y[k, :2] - y[k - 1, :2]) / H, (q_a - y[k - 1, [3, 2]]) / H) if k else (np.zeros(2),) * 2
+            v_m, v_a = (
+                ((y[k, :2] - y[k - 1, :2]) / H, (q_a - y[k - 1, [3, 2]]) / H)
+                if k
+                else (np.zeros(2),) * 2
+            )
             u = d[0] + g[0] * (d[1] - q_m) + g[1] * (d[2] - v_m)
             if uses:
-                T, dT = back.T @ ((back @ q_m - q_a) @ functions.K), back.T @ ((back @ v_m - v_a) @ functions.K)
+                T, dT = (
+                    back.T @ ((back @ q_m - q_a) @ functions.K),
+                    back.T @ ((back @ v_m - v_a) @ functions.K),
+                )
                 u = u + g[2] * (d[3] - T) + g[3] * (d[4] - dT)
             assert_allclose(found[k], u, rtol=1e-9)
 
@@ -491,7 +578,8 @@ def test_steps_of_linearization_predict_by_runge_kutta(delay: float, predicted: 
         past = [u, *past[:-1]]
     setup = SimpleNamespace(n_m=2, n_y=11, q_m=np.zeros((1, 2)), sample_s=H)
     with pytest.raises(
-        ArgumentError, match="given a loop with 2 motors and 11 measured channels, expected 2 and at least 12"
+        ArgumentError,
+        match="given a loop with 2 motors and 11 measured channels, expected 2 and at least 12",
     ):
         made.compiled(setup)
     with pytest.raises(ArgumentError, match="3 measured channels, expected 2 and at least 4"):
@@ -501,19 +589,29 @@ def test_steps_of_linearization_predict_by_runge_kutta(delay: float, predicted: 
 
 
 def test_titles_and_ranges_of_linearization() -> None:
-    assert FeedbackLinearisation(12.0, "discrete", True).title == "feedback linearization, discrete, predicted, 12 Hz"
+    assert (
+        FeedbackLinearisation(12.0, "discrete", True).title
+        == "feedback linearization, discrete, predicted, 12 Hz"
+    )
     assert FeedbackLinearisation().title == "feedback linearization, continuous, 16 Hz"
     assert ComputedTorque().title == "computed torque, 4 Hz"
     check_frequency(1e5)
     for value in (0.0, 1.1e5, np.nan):
-        with pytest.raises(ArgumentError, match=r"frequency_hz: given .*, expected more than 0, up to 100000 Hz"):
+        with pytest.raises(
+            ArgumentError, match=r"frequency_hz: given .*, expected more than 0, up to 100000 Hz"
+        ):
             check_frequency(value)
     with pytest.raises(ArgumentError, match="form"):
         FeedbackLinearisation(form="other")
 
 
 def trial(
-    setting: study.Setting, family: str, tuning: str, errors: tuple, noise: float = 1.0, refused: str = ""
+    setting: study.Setting,
+    family: str,
+    tuning: str,
+    errors: tuple,
+    noise: float = 1.0,
+    refused: str = "",
 ) -> study.Trial:
     return study.Trial(setting, family, tuning, errors, errors, noise, refused)
 
@@ -582,7 +680,9 @@ def test_laws_of_a_study_and_its_disturbances(monkeypatch: pytest.MonkeyPatch) -
         assert_allclose(made[0][1].integral_gain, part * w)
     found = study._laws(case, study.PREDICTED, 2)
     assert [(name, x.form, x.predict) for name, x in found] == [
-        (f"{form}, {f} Hz", form, True) for form in ("continuous", "discrete") for f in ("8.0", "60.0")
+        (f"{form}, {f} Hz", form, True)
+        for form in ("continuous", "discrete")
+        for f in ("8.0", "60.0")
     ]
     assert not study._laws(case, study.FL, 2)[0][1].predict
     given: dict = {}
@@ -609,13 +709,20 @@ def test_laws_of_a_study_and_its_disturbances(monkeypatch: pytest.MonkeyPatch) -
     tau = np.array([[9.0, 0], [8, 0], [1, 2], [3, 7], [50, 0], [60, 0]])
     robot = SimpleNamespace(tau_m=tau, failure="")
     run = SimpleNamespace(
-        runs=(robot,), nominal=robot, figures=lambda r: {"error_max_m": 0.5, "dynamic_error_max_m": 0.25}
+        runs=(robot,),
+        nominal=robot,
+        figures=lambda r: {"error_max_m": 0.5, "dynamic_error_max_m": 0.25},
     )
     monkeypatch.setattr(study, "case_controller", lambda case, law: (None, "x"))
     monkeypatch.setattr(study, "run_case", lambda case, *made: run)
     of = SimpleNamespace(reference=SimpleNamespace(time=time, begin=-0.05))
     row = study._trial(of, study.SETTINGS[0], study.FL, "t", None)
-    assert (row.error_m, row.dynamic_error_m, row.torque_noise_Nm, row.refused) == ((0.5,), (0.25,), 5.0, "")
+    assert (row.error_m, row.dynamic_error_m, row.torque_noise_Nm, row.refused) == (
+        (0.5,),
+        (0.25,),
+        5.0,
+        "",
+    )
     robot.failure = "x"
     assert np.isnan(study._trial(of, study.SETTINGS[0], study.FL, "t", None).torque_noise_Nm)
     with pytest.raises(ArgumentError, match="2 tunings and a torque > 0"):
@@ -624,7 +731,9 @@ def test_laws_of_a_study_and_its_disturbances(monkeypatch: pytest.MonkeyPatch) -
         flexgen.feedback_study(torque_noise=0.0)
 
 
-def test_gains_of_an_elastic_joint_are_those_of_four_integrators(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gains_of_an_elastic_joint_are_those_of_four_integrators(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """From the torque to the joint; the frequency and whether an unstable loop is allowed are those of the law."""
 
     def gains(*given: object) -> None:

@@ -25,10 +25,14 @@ def test_the_strangeness_index_is_searched_up_to_eight(monkeypatch: pytest.Monke
 
     series = Made(jacobians=jacobians, scales=lambda x: "scales")
     monkeypatch.setattr(
-        strangeness_index, "InverseDae", lambda equations: Made(n_x=3, pack=lambda rest: [1.0, 2.0, 3.0])
+        strangeness_index,
+        "InverseDae",
+        lambda equations: Made(n_x=3, pack=lambda rest: [1.0, 2.0, 3.0]),
     )
     monkeypatch.setattr(strangeness_index, "TaylorArray", lambda dae: series)
-    monkeypatch.setattr(strangeness_index, "characterize", lambda F_x, F_dx, scales: (F_x.tolist(), scales))
+    monkeypatch.setattr(
+        strangeness_index, "characterize", lambda F_x, F_dx, scales: (F_x.tolist(), scales)
+    )
     search: Any = strangeness_index.kunkel_mehrmann_at_rest
     assert search(None, rest="rest") == ([[1.0, 2.0, 3.0]], "scales")
     search(None, rest="rest", highest=2)
@@ -55,14 +59,22 @@ def test_a_function_that_cannot_be_expanded_says_why() -> None:
     assert routines.expand("f", scalar) is scalar
 
 
-@pytest.mark.parametrize("sizes", [(1.0, 2.0, 4.0), (0.1, 0.1, 0.5), (1.0, 1.0, 2.0), (3.0, 3.0, 3.0)])
-def test_the_least_share_makes_a_tensor_that_a_body_can_have(sizes: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize(
+    "sizes", [(1.0, 2.0, 4.0), (0.1, 0.1, 0.5), (1.0, 1.0, 2.0), (3.0, 3.0, 3.0)]
+)
+def test_the_least_share_makes_a_tensor_that_a_body_can_have(
+    sizes: tuple[float, float, float],
+) -> None:
     """No moment is larger than the sum of the others: of moments about two axes it is half of what is missing."""
     turned = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     inertia, free = turned @ np.diag(sizes) @ turned.T, turned @ np.diag([1.0, 1.0, 0.0]) @ turned.T
     expected = max(sizes[2] - sizes[0] - sizes[1], 0.0) / 2
     found = _find_least(inertia, free)
-    assert found is not None and expected <= found + 1e-15 and found == pytest.approx(expected, abs=1e-8)
+    assert (
+        found is not None
+        and expected <= found + 1e-15
+        and found == pytest.approx(expected, abs=1e-8)
+    )
     assert _find_least(np.diag([1.0, 2.0, 4.0]), np.zeros((3, 3))) is None
     moments, axes = principal(inertia)
     assert_allclose(axes @ np.diag(moments) @ axes.T, inertia, atol=1e-12)

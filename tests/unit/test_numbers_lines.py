@@ -19,7 +19,11 @@ class Root:
     """A table of some keys; a refusal is what it says of a key."""
 
     def __init__(self, **entries: Any) -> None:
-        rows = {key: [Made(value=x) for x in value] for key, value in entries.items() if isinstance(value, list)}
+        rows = {
+            key: [Made(value=x) for x in value]
+            for key, value in entries.items()
+            if isinstance(value, list)
+        }
         self.entries = {key: Made(value=rows.get(key, value)) for key, value in entries.items()}
         self.given = entries
 
@@ -31,14 +35,19 @@ class Root:
         return str(self.given.get(key, default))
 
     def number(self, key: str, default: float, above: float) -> float:
-        assert (key, above) in (("f_min", 0.0), ("f_max", self.given.get("f_min", above))) or key == "f_max"
+        assert (key, above) in (
+            ("f_min", 0.0),
+            ("f_max", self.given.get("f_min", above)),
+        ) or key == "f_max"
         return float(self.given.get(key, default))
 
     def fail(self, key: str, expected: str) -> Exception:
         return ValueError(f"{key}: {expected}")
 
 
-def lines_of(root: Root, amplitudes: dict[int, float], samples: int = 40, least: float = EXCITED) -> list[int]:
+def lines_of(
+    root: Root, amplitudes: dict[int, float], samples: int = 40, least: float = EXCITED
+) -> list[int]:
     """Of sines with these amplitudes, as the second motor of the second experiment, and half of it of another."""
     t = np.arange(samples) / samples
     tau = np.zeros((1, 2, 3, samples, 2))
@@ -68,7 +77,9 @@ def test_lines_of_recordings_are_excited_odd_or_all() -> None:
     ):
         assert lines_of(Root(lines="all", f_min=f_min, f_max=f_max), sizes) == expected
     assert lines_of(Root(lines="all", f_min=9.0, f_max=30.0), sizes, samples=39) == [18, 19]
-    with pytest.raises(ValueError, match="period_s: a period that has lines between f_min and f_max"):
+    with pytest.raises(
+        ValueError, match="period_s: a period that has lines between f_min and f_max"
+    ):
         lines_of(Root(lines="all", f_min=1.1, f_max=1.4), sizes)
 
 
@@ -82,7 +93,9 @@ def test_lines_by_number_are_whole_and_below_half_of_the_samples() -> None:
     with pytest.raises(ValueError, match="line_numbers: whole numbers from 1 to 19"):
         lines_of(Root(line_numbers=[20]), {}, samples=39)
     for key, value in (("lines", "all"), ("f_min", 1.0), ("f_max", 2.0)):
-        with pytest.raises(ValueError, match="line_numbers: no lines, f_min or f_max in addition to it"):
+        with pytest.raises(
+            ValueError, match="line_numbers: no lines, f_min or f_max in addition to it"
+        ):
             lines_of(Root(line_numbers=[1], **{key: value}), {})
 
 
@@ -113,7 +126,10 @@ def test_unexcited_frequencies_lie_between_the_lines() -> None:
     assert_allclose(np.sort(found), np.sort(-found))
     free = [d for d in range(1, 12) if d % 4][:MOST_OFFSETS]
     assert sorted(set(np.abs(found))) == free
-    with pytest.raises(ArgumentError, match="given 1 periods and lines from 3 on, expected two unexcited frequencies"):
+    with pytest.raises(
+        ArgumentError,
+        match="given 1 periods and lines from 3 on, expected two unexcited frequencies",
+    ):
         line_offsets(np.array([3, 7]), 1)
     assert sorted(set(np.abs(line_offsets(np.array([1, 7]), 4)))) == [1, 2, 3]
     with pytest.raises(ArgumentError, match="transients: given 2 periods and lines from 1 on"):

@@ -20,7 +20,11 @@ SAMPLES, KEPT = 80, slice(10, -10)
 
 
 def estimate(
-    monkeypatch: pytest.MonkeyPatch, true: list[float], noise: float = 0.01, shown: int = 4, own: float = 2.0
+    monkeypatch: pytest.MonkeyPatch,
+    true: list[float],
+    noise: float = 0.01,
+    shown: int = 4,
+    own: float = 2.0,
 ) -> Any:
     """Two motors; the payload of the file has a mass of ``own``, the torques are those of ``true`` and a delay."""
     rng = np.random.default_rng(8)
@@ -33,7 +37,8 @@ def estimate(
     made.slopes = rng.normal(size=(SAMPLES, 3, 4)) * [1, 2, 3, 4]
     made.slopes[:, :, shown:] = 0.0
     made.in_arm, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))
-    made.friction, made.stiffness_sd = np.zeros((SAMPLES, 0, 2)), np.zeros(3)  # of motors is known; rigid
+    # of motors is known; rigid
+    made.friction, made.stiffness_sd = np.zeros((SAMPLES, 0, 2)), np.zeros(3)
     mass, com, delay = true[0], np.array(true[1:4]), true[4]
     load = made.slopes[:, [0, 2]] @ np.array([mass, *(mass * com)])
     made.tau_g = load - delay * made.late + noise * rng.normal(size=(SAMPLES, 2))
@@ -41,7 +46,9 @@ def estimate(
     made.scale = np.abs(made.tau_g[KEPT]).max(axis=0)
     made.nominal = Made(function=lambda name: made.in_arm[None] if name == "arm_forces" else None)
     monkeypatch.setattr(payload, "evaluate", lambda friction, q, v: [friction])
-    monkeypatch.setattr(payload._Estimate, "motion", lambda self, values, softer: (None, None, softer))
+    monkeypatch.setattr(
+        payload._Estimate, "motion", lambda self, values, softer: (None, None, softer)
+    )
     monkeypatch.setattr(payload._Estimate, "_low_pass", lambda self, x: x)
     monkeypatch.setattr(payload._Estimate, "forces", forces)
     return made
@@ -50,7 +57,9 @@ def estimate(
 def forces(self: Any, q: Any, v: Any, a: Any, values: np.ndarray) -> np.ndarray:
     """``a`` is how much softer the springs are: their torques do not depend on the load here."""
     soft = self.of_springs @ a if hasattr(self, "of_springs") else 0.0
-    return np.asarray(self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.in_arm + soft)
+    return np.asarray(
+        self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.in_arm + soft
+    )
 
 
 def linear_fit(
@@ -59,7 +68,10 @@ def linear_fit(
     """Chosen of mass, first moments, delay; residuals, scales, covariance of the numbers, torques over the scales."""
     tau = made.tau_g[KEPT]
     scale = np.abs(tau).max(axis=0)
-    rows = np.concatenate([made.slopes[KEPT][:, [0, 2]], -made.late[KEPT][:, :, None]], axis=2) / scale[:, None]
+    rows = (
+        np.concatenate([made.slopes[KEPT][:, [0, 2]], -made.late[KEPT][:, :, None]], axis=2)
+        / scale[:, None]
+    )
     J, y = rows.reshape(-1, 5)[:, chosen], (tau / scale).ravel()
     found = np.linalg.lstsq(J, y, rcond=None)[0]
     r = (J @ found - y).reshape(-1, 2)
@@ -74,13 +86,17 @@ def test_a_load_is_the_linear_fit_of_its_first_moments(monkeypatch: pytest.Monke
     found, r, scale, covariance, _ = linear_fit(made)
     mass, com = found[0] - 2.0, (found[1:4] - 2.0 * np.array([0.1, -0.05, 0.2])) / (found[0] - 2.0)
     # the center of mass is held by 1 m, millimeters show here
-    assert load.mass == pytest.approx(mass, rel=1e-6) and load.delay_s == pytest.approx(found[4], rel=1e-5)
+    assert load.mass == pytest.approx(mass, rel=1e-6) and load.delay_s == pytest.approx(
+        found[4], rel=1e-5
+    )
     assert_allclose(load.com, com, rtol=1e-4)
     assert load.total_mass == pytest.approx(found[0]) and abs(mass - 3.0) < 0.05
     assert_allclose(load.total_com, found[1:4] / found[0], rtol=1e-4)
     assert load.mass_sd == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-4)
     slopes = np.column_stack([-com, np.eye(3)]) / mass  # of com in the mass and the first moments
-    assert_allclose(load.com_sd, np.sqrt(np.diag(slopes @ covariance[:4, :4] @ slopes.T)), rtol=1e-3)
+    assert_allclose(
+        load.com_sd, np.sqrt(np.diag(slopes @ covariance[:4, :4] @ slopes.T)), rtol=1e-3
+    )
     assert_allclose(load.residual_Nm, np.sqrt((r**2).mean(axis=0)) * scale, rtol=1e-5)
 
 
@@ -88,19 +104,24 @@ def test_a_load_without_mass_has_no_center(monkeypatch: pytest.MonkeyPatch) -> N
     """The record is that of the payload of the file."""
     made = estimate(monkeypatch, [2.0, 0.1, -0.05, 0.2, 0.0], noise=0.0)
     load = made.solve()
-    assert load.mass == pytest.approx(0.0, abs=1e-9) and load.delay_s == pytest.approx(0.0, abs=1e-9)
+    assert load.mass == pytest.approx(0.0, abs=1e-9) and load.delay_s == pytest.approx(
+        0.0, abs=1e-9
+    )
     assert np.isnan(load.com).all() or abs(load.mass) > 1e-9
     assert load.mass_sd == pytest.approx(np.sqrt(linear_fit(made)[3][0, 0]), rel=1e-4)
 
 
-def test_deviations_are_those_of_blocks_where_these_are_larger(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_deviations_are_those_of_blocks_where_these_are_larger(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Each number by itself."""
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     left = np.diag([0.25, 0.0, 0.0, 0.0, 0.0])
     monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: left)
     load = made.solve()
     assert load.mass_sd == 0.5
-    along = np.abs(load.com) / load.mass * 0.5  # of com where the mass changes and first moments stay
+    # of com where the mass changes and first moments stay
+    along = np.abs(load.com) / load.mass * 0.5
     alone = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: 0 * left)
     assert_allclose(load.com_sd, np.maximum(along, alone.solve().com_sd), rtol=1e-9)
@@ -108,7 +129,10 @@ def test_deviations_are_those_of_blocks_where_these_are_larger(monkeypatch: pyte
 
 def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mass without torques, torques that no load explains, and steps that end nowhere."""
-    with pytest.raises(SolverError, match="load: the motion does not determine the mass; move the joints that carry"):
+    with pytest.raises(
+        SolverError,
+        match="load: the motion does not determine the mass; move the joints that carry",
+    ):
         estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=0).solve()
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], noise=4.0)
     _, r, _, _, y = linear_fit(made)
@@ -119,20 +143,30 @@ def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.Mon
     _, r, _, _, y = linear_fit(made)
     part = np.linalg.norm(r) / np.linalg.norm(y)
     assert 0.5 < part < 0.6
-    with pytest.raises(SolverError, match=f"no load explains the record, {100 * part:.0f} % of the torques are left;"):
+    with pytest.raises(
+        SolverError,
+        match=f"no load explains the record, {100 * part:.0f} % of the torques are left;",
+    ):
         made.solve()
     monkeypatch.setattr(payload, "STEPS", 1)
-    with pytest.raises(SolverError, match=r"no solution in 1 steps, the last changed the load by .*to the model arm\?"):
+    with pytest.raises(
+        SolverError,
+        match=r"no solution in 1 steps, the last changed the load by .*to the model arm\?",
+    ):
         estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02]).solve()
 
 
-def test_a_last_step_below_a_tenth_of_the_deviations_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_last_step_below_a_tenth_of_the_deviations_is_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The search is stopped early: its last step is that of the refusal, in kg, and in kg m for an arm of 1 m."""
     monkeypatch.setattr(payload, "STEPS", 2)
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     with pytest.raises(SolverError, match="no solution in 2 steps") as refused:
         made.solve()
-    step = float(re.findall(r"changed the load by (\S+);", str(refused.value))[0]) * (made.unit + 5.0)
+    step = float(re.findall(r"changed the load by (\S+);", str(refused.value))[0]) * (
+        made.unit + 5.0
+    )
     assert 0.01 < step < 0.1
     left = np.eye(5) * (9.0 * step) ** 2
     monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: left)
@@ -143,7 +177,9 @@ def test_a_last_step_below_a_tenth_of_the_deviations_is_none(monkeypatch: pytest
     assert load.mass == pytest.approx(linear_fit(made)[0][0] - 2.0, abs=0.1 * step)
 
 
-def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A first step of which a deviation of 4 kg hides all, and the same with a thousandth of all masses."""
     monkeypatch.setattr(payload, "STEPS", 1)
     masses = []
@@ -151,18 +187,24 @@ def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(monkeypa
         made = estimate(monkeypatch, [3.0, 0.3, -0.2, 0.1, 0.02])
         made.of_file[1], made.unit, made.slopes = 2.0 * size, size, made.slopes / size
         left = np.diag([16.0, 0.0, 0.0, 0.0, 0.0]) * size**2
-        monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight, left=left: left)
+        monkeypatch.setattr(
+            payload._Estimate, "_left_out", lambda self, r, J, weight, left=left: left
+        )
         masses.append(made.solve().mass / size)
     assert masses[1] == pytest.approx(masses[0], rel=1e-6) and abs(masses[0] - 1.0) < 1.0
 
 
-def test_a_direction_that_no_motion_shows_is_known_by_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_direction_that_no_motion_shows_is_known_by_the_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Within a meter of the center of mass of its payload; the other numbers are those of a fit without it."""
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=3)
     load = made.solve()
     known = linear_fit(made, [0, 1, 2, 4])[0]
     assert load.mass == pytest.approx(known[0] - 2.0, rel=1e-4)
-    assert_allclose(load.com[:2], (known[1:3] - 2.0 * np.array([0.1, -0.05])) / load.mass, rtol=1e-3)
+    assert_allclose(
+        load.com[:2], (known[1:3] - 2.0 * np.array([0.1, -0.05])) / load.mass, rtol=1e-3
+    )
     assert load.com[2] == pytest.approx(0.2) and load.com_sd[2] == pytest.approx(1.0, rel=1e-4)
     assert load.com_sd[:2].max() < 0.02 and str(load).count("not determined") == 1
     assert ", z not determined in the frame of the last tip" in str(load)
@@ -177,24 +219,39 @@ def test_a_direction_that_no_motion_of_a_short_arm_shows_is_not_determined(
     made.of_file[-3:], made.length, made.farthest = size * made.of_file[-3:], size, 3.0 * size
     made.slopes[:, :, 1:] /= size
     load = made.solve()
-    assert load.com_sd[2] == pytest.approx(size, rel=1e-4) and load.com[2] == pytest.approx(0.2 * size)
-    assert str(load).count("not determined") == 1 and ", z not determined in the frame of the last tip" in str(load)
+    assert load.com_sd[2] == pytest.approx(size, rel=1e-4) and load.com[2] == pytest.approx(
+        0.2 * size
+    )
+    assert str(load).count(
+        "not determined"
+    ) == 1 and ", z not determined in the frame of the last tip" in str(load)
 
 
 def test_the_center_of_a_mass_that_is_nearly_zero_is_near() -> None:
-    assert_allclose(payload.values_of(np.array([2.0, 0.4, -0.2, 0.0, 9.0]), 3.0), [2.0, 0.2, -0.1, 0.0])
-    assert_allclose(payload.values_of(np.array([1e-6, 0.01, -0.01, 1e-6, 9.0]), 3.0), [1e-6, 3.0, -3.0, 1.0])
+    assert_allclose(
+        payload.values_of(np.array([2.0, 0.4, -0.2, 0.0, 9.0]), 3.0), [2.0, 0.2, -0.1, 0.0]
+    )
+    assert_allclose(
+        payload.values_of(np.array([1e-6, 0.01, -0.01, 1e-6, 9.0]), 3.0), [1e-6, 3.0, -3.0, 1.0]
+    )
 
 
 def test_springs_that_are_softer_change_no_load(monkeypatch: pytest.MonkeyPatch) -> None:
     """A ridge fit with one number more for each spring; a deviation of blocks has what their priors leave open, too."""
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     made.stiffness_sd = np.array([0.2, 0.0, 0.1])
-    made.of_springs = 0.02 * np.random.default_rng(3).normal(size=(SAMPLES, 3, 3)) + made.slopes[:, :, :1]  # as a mass
+    # as a mass
+    made.of_springs = (
+        0.02 * np.random.default_rng(3).normal(size=(SAMPLES, 3, 3)) + made.slopes[:, :, :1]
+    )
     made.tau_g = made.tau_g + made.of_springs[:, [0, 2]] @ [0.3, 0.0, 0.1]
     made.scale = np.abs(made.tau_g[KEPT]).max(axis=0)
     tau = made.tau_g[KEPT] / made.scale
-    parts = [made.slopes[KEPT][:, [0, 2]], -made.late[KEPT][:, :, None], made.of_springs[KEPT][:, [0, 2]][:, :, [0, 2]]]
+    parts = [
+        made.slopes[KEPT][:, [0, 2]],
+        -made.late[KEPT][:, :, None],
+        made.of_springs[KEPT][:, [0, 2]][:, :, [0, 2]],
+    ]
     J = (np.concatenate(parts, axis=2) / made.scale[:, None]).reshape(-1, 7)
     prior = np.diag([0.0] * 5 + [0.2**-2, 0.1**-2])
     found = np.linalg.lstsq(J, tau.ravel(), rcond=None)[0]

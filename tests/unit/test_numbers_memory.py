@@ -24,7 +24,8 @@ def test_bristles_of_constant_level_follow_the_path_of_the_motor(path: float) ->
     h, limit = 0.05, 0.25
     t = h * np.arange(31)
     c = path * limit * 6
-    v, a = c * t * (1 - t), c * (1 - 2 * t)  # forward until 1 s, then back; cubics between the samples are exact
+    # forward until 1 s, then back; cubics between the samples are exact
+    v, a = c * t * (1 - t), c * (1 - 2 * t)
     law = MotorBristles(*(np.array([x]) for x in (2.0, 2.0, 1.0, 2.0 / limit, 0.0)))
     z, w = lugre._along(law, 0, h, v, a)
     fine = np.linspace(0.0, 1.5, 30 * 2000 + 1)
@@ -33,7 +34,9 @@ def test_bristles_of_constant_level_follow_the_path_of_the_motor(path: float) ->
     back = -limit + (top + limit) * np.exp(np.minimum(x - x.max(), 0.0) / limit)
     exact = np.where(fine <= 1.0, limit * (1 - np.exp(-x / limit)), back)
     assert_allclose(z, exact[::2000], rtol=1e-6, atol=2e-4 * limit)
-    area = np.concatenate([[0.0], np.cumsum((exact[1:] + exact[:-1]) / 2) * (fine[1] - fine[0])])[::2000]
+    area = np.concatenate([[0.0], np.cumsum((exact[1:] + exact[:-1]) / 2) * (fine[1] - fine[0])])[
+        ::2000
+    ]
     assert_allclose(w, area, rtol=1e-4, atol=2e-4 * limit * h)
 
 
@@ -42,12 +45,20 @@ def test_the_power_of_memories_is_what_their_forces_take(bristles: bool) -> None
     """Forces times speeds of the motion, for gears whose hysteresis changes the friction of the motors too."""
     model = loaded("elbow", lost_motion=1e-3)
     if bristles:
-        law = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
+        law = {
+            "coulomb": 0.5,
+            "static": 0.8,
+            "stribeck_speed": 4.0,
+            "stiffness": 800.0,
+            "damping": 1.5,
+        }
         model = flexgen.read("elbow", overrides={"motor.m2.lugre": law})
     equations = Equations(model)
     made, lag, (y, dy, _) = memory_of(equations), equations.lagrangian, equations.y
     inputs = [y, dy, made.z]
-    found = ca.Function("power", inputs, [made.taken, ca.dot(made.forces, dy)], {"allow_free": True})
+    found = ca.Function(
+        "power", inputs, [made.taken, ca.dot(made.forces, dy)], {"allow_free": True}
+    )
     assert not found.free_sx(), lag
     rng = np.random.default_rng(2)
     for _ in range(4):
@@ -59,18 +70,42 @@ def test_what_an_export_returns(tmp_path: Path) -> None:
     """A path of its main file, the lines that are printed, and entries for JSON; equal exports have one hash."""
     model = flexgen.read("elbow")
     files = (tmp_path / "a.xml", tmp_path / "b.toml")
-    made = exported(model, "kind", files, ("bodies", "rest"), notes=("one", "two"), details={"friction": "exact"})
-    assert str(made) == str(files[0]) and made.__fspath__() == str(files[0]) and made.directory == tmp_path
-    assert made.summary() == f"wrote {files[0]}: bodies\nwrote {files[1]}: rest\nnote: one\nnote: two"
+    made = exported(
+        model,
+        "kind",
+        files,
+        ("bodies", "rest"),
+        notes=("one", "two"),
+        details={"friction": "exact"},
+    )
+    assert (
+        str(made) == str(files[0])
+        and made.__fspath__() == str(files[0])
+        and made.directory == tmp_path
+    )
+    assert (
+        made.summary() == f"wrote {files[0]}: bodies\nwrote {files[1]}: rest\nnote: one\nnote: two"
+    )
     data = made.to_dict()
     assert data["directory"] == str(tmp_path) and data["friction"] == "exact"
     assert (made.model, made.variant, made.kind) == ("elbow", "", "kind")
-    again = exported(model, "kind", files, ("bodies", "rest"), notes=("one", "two"), details={"friction": "exact"})
+    again = exported(
+        model,
+        "kind",
+        files,
+        ("bodies", "rest"),
+        notes=("one", "two"),
+        details={"friction": "exact"},
+    )
     assert made == again and hash(made) == hash(again)
     plain = Exported("kind", "elbow", tmp_path, files)
     assert plain.summary() == f"wrote {files[0]}\nwrote {files[1]}" and plain.directory == tmp_path
     detailed = Exported("kind", "elbow", tmp_path, files, details={"token": "t"}).to_dict()
-    assert detailed["token"] == "t" and "details" not in detailed and detailed["directory"] == str(tmp_path)
+    assert (
+        detailed["token"] == "t"
+        and "details" not in detailed
+        and detailed["directory"] == str(tmp_path)
+    )
     assert left_out(model) == ()
     tracker = {"name": "p", "type": "tracker", "unit": "m"}
     error = {"harmonics": [1], "cos": [1e-3], "sin": [0.0]}
@@ -93,7 +128,10 @@ def test_old_names_of_exports_are_their_new_places_with_a_warning(tmp_path: Path
         assert str(unknown.value) == "Exported has no attribute 'other'"
         with pytest.raises(TypeError) as refused:
             _ = made[0]  # type: ignore[index]
-        assert str(refused.value) == f"the result of export_{kind} is not a sequence; its files are .files"
+        assert (
+            str(refused.value)
+            == f"the result of export_{kind} is not a sequence; its files are .files"
+        )
     pair = Exported("urdf", "r", tmp_path / "a.urdf", (tmp_path / "a.urdf", tmp_path / "a.toml"))
     with pytest.warns(DeprecationWarning, match="given a pair of paths, expected .files"):
         assert pair[1] == tmp_path / "a.toml"  # type: ignore[index]

@@ -48,9 +48,16 @@ def loaded() -> RobotModel:
         )
         body = replace(element.body, rotational_drag=0.4 + 0.1 * k)
         elements.append(replace(element, dofs=dofs, body=body))
-    motors = tuple(replace(m, friction=Friction(viscous=0.01, coulomb=0.1, beta=4.0, offset=0.3)) for m in robot.motors)
-    payload = Body(0.7, (0.05, 0.02, 0.1), ((0.02, 0.0, 0.0), (0.0, 0.03, 0.0), (0.0, 0.0, 0.01)), 0.2)
-    return replace(robot, elements=tuple(elements), motors=motors, payload=payload, gravity=(0.0, -3.0, -9.0))
+    motors = tuple(
+        replace(m, friction=Friction(viscous=0.01, coulomb=0.1, beta=4.0, offset=0.3))
+        for m in robot.motors
+    )
+    payload = Body(
+        0.7, (0.05, 0.02, 0.1), ((0.02, 0.0, 0.0), (0.0, 0.03, 0.0), (0.0, 0.0, 0.01)), 0.2
+    )
+    return replace(
+        robot, elements=tuple(elements), motors=motors, payload=payload, gravity=(0.0, -3.0, -9.0)
+    )
 
 
 def test_a_payload_is_a_body_on_the_last_element_and_energies_balance() -> None:
@@ -69,7 +76,12 @@ def test_a_payload_is_a_body_on_the_last_element_and_energies_balance() -> None:
     a_a, a_m = (np.array(a).ravel() for a in equations.function("forward_dynamics")(*x, tau))
 
     def energy(h: float) -> float:
-        moved = [x[0] + h * x[1] + h**2 / 2 * a_a, x[1] + h * a_a, x[2] + h * x[3] + h**2 / 2 * a_m, x[3] + h * a_m]
+        moved = [
+            x[0] + h * x[1] + h**2 / 2 * a_a,
+            x[1] + h * a_a,
+            x[2] + h * x[3] + h**2 / 2 * a_m,
+            x[3] + h * a_m,
+        ]
         return sum(float(part) for part in parts(*moved, tau)[:2])
 
     into, lost = (float(part) for part in parts(*x, tau)[2:])
@@ -86,7 +98,9 @@ def test_a_payload_is_a_body_on_the_last_element_and_energies_balance() -> None:
         tensor += np.array(body.inertia) + body.mass * (r @ r * np.eye(3) - np.outer(r, r))
     drag = last.body.rotational_drag + load.rotational_drag
     one = Body(mass, tuple(com.tolist()), tuple(map(tuple, tensor.tolist())), drag)  # type: ignore[arg-type]
-    joined = replace(model, elements=(*model.elements[:-1], replace(last, body=one)), payload=Body())
+    joined = replace(
+        model, elements=(*model.elements[:-1], replace(last, body=one)), payload=Body()
+    )
     lag = Equations(joined).lagrangian
     state = [lag.chain.q_a, lag.chain.v_a, lag.q_m, lag.v_m, lag.tau_m]
     again = ca.Function("parts", state, [getattr(lag, name) for name in names])(*x, tau)
@@ -100,12 +114,16 @@ def test_an_equilibrium_stays_at_rest_under_its_torques() -> None:
     zero = np.zeros(model.n_a)
     for start in (None, 0.3 * np.ones(model.n_e)):
         found = statics.hold_joints(equations, np.array([0.4, -0.7][: model.n_g]), start)
-        a_a, a_m = equations.function("forward_dynamics")(found.q_a, zero, found.q_m, np.zeros(model.n_m), found.tau_m)
+        a_a, a_m = equations.function("forward_dynamics")(
+            found.q_a, zero, found.q_m, np.zeros(model.n_m), found.tau_m
+        )
         assert np.abs(np.array(a_a)).max() < 1e-8 and np.abs(np.array(a_m)).max() < 1e-8
         assert_allclose(found.q_a[list(model.i_g)], [0.4, -0.7][: model.n_g])
         assert np.abs(found.q_a[list(model.i_e)]).min() > 1e-4
         torque = np.array(
-            equations.function("gear_law")(np.linalg.solve(model.eta, found.q_m) - found.q_a[list(model.i_g)])[0]
+            equations.function("gear_law")(
+                np.linalg.solve(model.eta, found.q_m) - found.q_a[list(model.i_g)]
+            )[0]
         )
         assert_allclose(torque.ravel(), found.tau_g, rtol=1e-9)
 
@@ -120,7 +138,9 @@ def test_a_pose_error_is_the_sine_of_the_angle_about_its_axis() -> None:
     f = ca.Function("f", symbols, [outputs.pose_error(*symbols)])
     angle = np.linalg.norm(E.as_rotvec())
     found = np.array(f(place, (E * R).as_matrix(), flat)).ravel()
-    assert_allclose(found, [*(place - target), *(np.sin(angle) / angle * E.as_rotvec())], atol=1e-12)
+    assert_allclose(
+        found, [*(place - target), *(np.sin(angle) / angle * E.as_rotvec())], atol=1e-12
+    )
 
 
 def test_unknown_parameters_are_answered_with_the_names_of_groups() -> None:
@@ -130,10 +150,17 @@ def test_unknown_parameters_are_answered_with_the_names_of_groups() -> None:
     text = str(told.value)
     assert text.startswith("parameters: given 'stifness', expected some of ")
     listed = text.removeprefix("parameters: given 'stifness', expected some of ").split(", ")
-    assert listed == sorted(listed) and "stiffness" in listed and "payload" in listed and "payload.mass" in listed
+    assert (
+        listed == sorted(listed)
+        and "stiffness" in listed
+        and "payload" in listed
+        and "payload.mass" in listed
+    )
     assert "upper.mass" not in listed  # in no group: too many to list
     chosen = parameters.select(robot, ["upper.mass", "payload.mass"])
-    assert [(p.name, p.unit, p.inertia) for p in chosen if p.name == "upper.mass"] == [("upper.mass", "kg", True)]
+    assert [(p.name, p.unit, p.inertia) for p in chosen if p.name == "upper.mass"] == [
+        ("upper.mass", "kg", True)
+    ]
     assert [p.inertia for p in chosen if p.name == "payload.mass"] == [False]
 
 
@@ -145,14 +172,18 @@ def test_zeros_of_robots_whose_rotors_turn_with_the_arm_are_those_of_the_pencil(
     """Generalized eigenvalues of [[A - s I, B], [C, 0]]; a double one is accurate to the root of rounding."""
     turning = {"motor_coupling": "complete", "motor.m1.carrier": "base", "motor.m2.carrier": "arm1"}
     turning |= {"motor.m1.axis": [0, 0, 1], "motor.m2.axis": [0, 0, 1]}
-    robot = flexgen.read("planar5_mp" if phase == "minimum phase" else "planar5_nmp", overrides=turning)
+    robot = flexgen.read(
+        "planar5_mp" if phase == "minimum phase" else "planar5_nmp", overrides=turning
+    )
     equations = flexgen.derive(robot)
     rest = statics.hold_joints(equations, np.array(robot.home))
     at = linearize(equations, rest)
     report = zeros.zero_report(equations, at, rest)
     A, B = at.state_space()
     C, n = np.hstack([at.W, np.zeros_like(at.W)]), len(A)
-    roots = eig(np.block([[A, B], [C, np.zeros((2, 2))]]), np.diag([1.0] * n + [0.0] * 2), right=False)
+    roots = eig(
+        np.block([[A, B], [C, np.zeros((2, 2))]]), np.diag([1.0] * n + [0.0] * 2), right=False
+    )
     roots = roots[np.abs(roots) < 1e5]
     assert len(report.zeros) == len(roots) == 4 and report.phase == phase
     for root in roots:
@@ -168,7 +199,9 @@ def test_zeros_of_pencils_and_state_spaces_are_the_roots_of_their_polynomials() 
     T, S = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
     polynomials = [(2.0, 0.4, 50.0), (0.0, 3.0, -12.0), (1e-6, 1e-3, 5.0)]
     A, D, K = (T @ np.diag([p[k] for p in polynomials]) @ S for k in range(3))
-    expected = np.concatenate([np.roots(p) for p in ((2.0, 0.4, 50.0), (3.0, -12.0), (1e-6, 1e-3, 5.0))])
+    expected = np.concatenate(
+        [np.roots(p) for p in ((2.0, 0.4, 50.0), (3.0, -12.0), (1e-6, 1e-3, 5.0))]
+    )
     for scale in (1.0, 1e9):
         found = zeros.pencil_zeros(scale * A, scale * D, scale * K)
         assert found is not None
@@ -193,12 +226,16 @@ def test_zeros_of_pencils_and_state_spaces_are_the_roots_of_their_polynomials() 
     assert_allclose(np.sort_complex(found), [-2.0, 3.0], rtol=1e-6)
     assert zeros._invariant_zeros(plant, B, np.zeros((1, 3)), np.zeros((1, 1))) is None
     found = zeros._invariant_zeros(plant, B, C, 2.0 * np.eye(1))
-    assert_allclose(np.sort_complex(found), np.sort_complex(np.roots([2.0, 21.0, 57.0, 34.0])), rtol=1e-9)
+    assert_allclose(
+        np.sort_complex(found), np.sort_complex(np.roots([2.0, 21.0, 57.0, 34.0])), rtol=1e-9
+    )
     assert len(zeros._invariant_zeros(plant, B, np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 1)))) == 0  # type: ignore[arg-type]
 
 
 def path_of(changes: int, **rest: Any) -> Any:
-    made = [zeros_along_path.Change(0.1 * k, k, k + 1, zeros_along_path.AXIS) for k in range(changes)]
+    made = [
+        zeros_along_path.Change(0.1 * k, k, k + 1, zeros_along_path.AXIS) for k in range(changes)
+    ]
     plain = {
         "phase": "non-minimum phase",
         "slowest": 2.0,
@@ -217,17 +254,24 @@ def test_verdicts_of_zeros_along_a_path_name_rates_changes_and_methods() -> None
     def told(path: Any, sign: Any = (1.0, 1.0)) -> list[str]:
         return zeros_along_path._sentence(path, np.array([4, 4]), np.array(sign)).split("; ")
 
-    head = ["non-minimum phase: 1 to 2 of 4 zeros unstable, 2..8 1/s", "preview required for exact tracking 500 ms"]
+    head = [
+        "non-minimum phase: 1 to 2 of 4 zeros unstable, 2..8 1/s",
+        "preview required for exact tracking 500 ms",
+    ]
     one = f"0 to 1 unstable at t = 0 s, through {zeros_along_path.AXIS}"
-    assert told(path_of(0)) == [*head, "use lq or bvp"] and told(path_of(1)) == [*head, one, "use lq or bvp"]
+    assert told(path_of(0)) == [*head, "use lq or bvp"] and told(path_of(1)) == [
+        *head,
+        one,
+        "use lq or bvp",
+    ]
     assert (
         len(told(path_of(3))) == 6
         and told(path_of(4))[5] == "1 more changes"
         and told(path_of(9))[5] == "6 more changes"
     )
-    assert told(path_of(0, fastest=2.009))[0].endswith("unstable, 2 1/s") and told(path_of(0, fastest=2.011))[
-        0
-    ].endswith("2..2.01 1/s")
+    assert told(path_of(0, fastest=2.009))[0].endswith("unstable, 2 1/s") and told(
+        path_of(0, fastest=2.011)
+    )[0].endswith("2..2.01 1/s")
     assert told(path_of(0), (0.0, 1.0))[2] == "a zero at infinity at 1 poses"
     assert told(path_of(0), (0.0, 0.0))[2] == "a zero at infinity at all poses"
     near = zeros_along_path.NEAR
@@ -236,7 +280,9 @@ def test_verdicts_of_zeros_along_a_path_name_rates_changes_and_methods() -> None
     assert "a zero near infinity" not in told(path_of(1, sigma_min=np.array([1.0, 0.5 * near])))
     stable = path_of(0, phase="minimum phase")
     assert told(stable)[0] == "minimum phase: all 4 zeros stable, the slowest 3 1/s"
-    assert told(path_of(0, phase="minimum phase", slowest_stable=None))[0].endswith("stable, on the imaginary axis")
+    assert told(path_of(0, phase="minimum phase", slowest_stable=None))[0].endswith(
+        "stable, on the imaginary axis"
+    )
     assert told(path_of(0, phase="flat")) == [
         "flat: no zeros",
         "the torque follows from the path and its derivatives alone",
@@ -248,7 +294,10 @@ def test_results_of_zeros_along_a_path_follow_from_their_roots() -> None:
     t, q = np.array([0.0, 1.0, 2.0]), np.zeros((3, 1))
 
     def made(
-        roots: list[list[complex]], sigma: Any = (1.0, 1.0, 1.0), sign: Any = (1.0, 1.0, 1.0), n_e: int = 1
+        roots: list[list[complex]],
+        sigma: Any = (1.0, 1.0, 1.0),
+        sign: Any = (1.0, 1.0, 1.0),
+        n_e: int = 1,
     ) -> Any:
         return zeros_along_path._result(
             n_e, t, q, [np.array(r, complex) for r in roots], np.array(sigma), np.array(sign)
@@ -261,29 +310,63 @@ def test_results_of_zeros_along_a_path_follow_from_their_roots() -> None:
         8.0,
         -1.0 * -1.0,
     )
-    assert right.unstable.tolist() == [1, 1, 1] and right.methods == ("lq", "bvp") and right.changes == ()
+    assert (
+        right.unstable.tolist() == [1, 1, 1]
+        and right.methods == ("lq", "bvp")
+        and right.changes == ()
+    )
     assert right.preview_s == zeros_along_path.preview(0.25)
     left = made([[-5.0], [-2.0], [-3.0]])
-    assert (left.phase, left.slowest, left.slowest_stable, left.preview_s) == ("minimum phase", None, 2.0, 0.0)
-    assert left.methods == ("lq", "bvp", "reduced") and made([[], [], []], n_e=0).methods == ("closed-form",)
+    assert (left.phase, left.slowest, left.slowest_stable, left.preview_s) == (
+        "minimum phase",
+        None,
+        2.0,
+        0.0,
+    )
+    assert left.methods == ("lq", "bvp", "reduced") and made([[], [], []], n_e=0).methods == (
+        "closed-form",
+    )
     assert made([[], [], []]).phase == "flat"
-    assert made([[-5.0], [-2.0], [-3.0]], sigma=(1.0, 0.5 * zeros_along_path.NEAR, 1.0)).methods == ("lq",)
+    assert made(
+        [[-5.0], [-2.0], [-3.0]], sigma=(1.0, 0.5 * zeros_along_path.NEAR, 1.0)
+    ).methods == ("lq",)
     crossing = made([[-1.0], [0.5], [0.5]])
     (change,) = crossing.changes
-    assert (change.t, change.before, change.after, change.through) == (0.5, 0, 1, zeros_along_path.AXIS)
-    assert crossing.preview_s == min(zeros_along_path.preview(2.0), 2.0) and crossing.methods == ("lq",)
+    assert (change.t, change.before, change.after, change.through) == (
+        0.5,
+        0,
+        1,
+        zeros_along_path.AXIS,
+    )
+    assert crossing.preview_s == min(zeros_along_path.preview(2.0), 2.0) and crossing.methods == (
+        "lq",
+    )
     through = made([[-9.0], [9.0], [9.0]], sigma=(0.1, 0.3, 0.3), sign=(1.0, -1.0, -1.0))
-    assert [(c.t, c.through) for c in through.changes] == [(pytest.approx(0.25), zeros_along_path.INFINITY)]
+    assert [(c.t, c.through) for c in through.changes] == [
+        (pytest.approx(0.25), zeros_along_path.INFINITY)
+    ]
     lost = made([[-1.0], [0.5, -2.0], [0.5, -2.0]])
-    assert lost.zeros[0, 1] == complex(np.inf, 0.0) and lost.changes[0].through == zeros_along_path.INFINITY
+    assert (
+        lost.zeros[0, 1] == complex(np.inf, 0.0)
+        and lost.changes[0].through == zeros_along_path.INFINITY
+    )
 
 
 def test_the_largest_entries_of_a_vector_are_named_in_order() -> None:
     names = ["a", "b", "c", "d", "e", "f"]
     least = solvability.ALONE
-    assert solvability._name_largest(np.array([0.1 * least, -8.0, 4.0, 0.0, 0.0, 0.0]), names) == "b, c"
-    assert solvability._name_largest(np.array([-1.0, 0.99, 0.98, 0.97, 0.96, 0.95]), names) == "a, b, c, d"
-    assert solvability._name_largest(np.array([0.5 * least, 1.01 * least, 1.0, 0, 0, 0]) * 1e3, names) == "c, b"
+    assert (
+        solvability._name_largest(np.array([0.1 * least, -8.0, 4.0, 0.0, 0.0, 0.0]), names)
+        == "b, c"
+    )
+    assert (
+        solvability._name_largest(np.array([-1.0, 0.99, 0.98, 0.97, 0.96, 0.95]), names)
+        == "a, b, c, d"
+    )
+    assert (
+        solvability._name_largest(np.array([0.5 * least, 1.01 * least, 1.0, 0, 0, 0]) * 1e3, names)
+        == "c, b"
+    )
 
 
 # --- tables and poses ------------------------------------------------------------------------------------------------
@@ -303,7 +386,14 @@ def test_starts_of_slides_are_spread_between_their_limits_and_of_rotations_over_
         Made(unit="m", dof=None),
     ]
     found = kinematic_constants(Made(coordinates=cases, n_a=6, i_g=np.array([0, 2])))  # type: ignore[arg-type]
-    assert found.lower == (-1.0, 0.5, -1.5, 0.1, -np.pi, -1.0) and found.upper == (1.0, 2.5, 0.5, 0.4, np.pi, 1.0)
+    assert found.lower == (-1.0, 0.5, -1.5, 0.1, -np.pi, -1.0) and found.upper == (
+        1.0,
+        2.5,
+        0.5,
+        0.4,
+        np.pi,
+        1.0,
+    )
     assert found.around == (True, False, False, False, False, True)
     assert found.is_rotation == (False, False, False, False, True, False) and found.i_g == (0, 2)
 
@@ -317,13 +407,22 @@ def test_turns_are_those_asked_for_or_the_closest_within_the_limits() -> None:
 
     assert chosen(0.5, 0.0) == pytest.approx(0.5) and chosen(0.5, 4.0) == pytest.approx(0.5 + TAU)
     assert chosen(0.5 + 3 * TAU, -6.0) == pytest.approx(0.5 - TAU)
-    assert chosen(3.5, 0.0) == pytest.approx(3.5 - TAU) and chosen(3.5, 0.0, (1,)) == pytest.approx(3.5)
-    assert chosen(0.5, 0.0, (-2,)) == pytest.approx(0.5 - 2 * TAU) and chosen(0.5, 9.0, (0,)) == pytest.approx(0.5)
-    assert chosen(0.5, 0.0, lower=1.0) == pytest.approx(0.5 + TAU) and chosen(0.5, 0.0, upper=0.0) == pytest.approx(
-        0.5 - TAU
+    assert chosen(3.5, 0.0) == pytest.approx(3.5 - TAU) and chosen(3.5, 0.0, (1,)) == pytest.approx(
+        3.5
     )
-    assert chosen(0.5, 0.0, lower=8.0) == pytest.approx(0.5 + 2 * TAU) and chosen(0.5, 0.0, lower=20.0) is None
-    assert chosen(0.5, 0.0, lower=1.0, upper=6.0) is None and chosen(0.5, 0.0, (1,), upper=3.0) is None
+    assert chosen(0.5, 0.0, (-2,)) == pytest.approx(0.5 - 2 * TAU) and chosen(
+        0.5, 9.0, (0,)
+    ) == pytest.approx(0.5)
+    assert chosen(0.5, 0.0, lower=1.0) == pytest.approx(0.5 + TAU) and chosen(
+        0.5, 0.0, upper=0.0
+    ) == pytest.approx(0.5 - TAU)
+    assert (
+        chosen(0.5, 0.0, lower=8.0) == pytest.approx(0.5 + 2 * TAU)
+        and chosen(0.5, 0.0, lower=20.0) is None
+    )
+    assert (
+        chosen(0.5, 0.0, lower=1.0, upper=6.0) is None and chosen(0.5, 0.0, (1,), upper=3.0) is None
+    )
     assert (
         chosen(0.5, 0.0, lower=0.5 + 0.5 * targets.SLACK) == 0.5
         and chosen(0.5, 0.0, lower=0.5 + 2 * targets.SLACK, upper=1.0) is None
@@ -349,11 +448,22 @@ def test_solutions_of_a_routine_go_to_the_blocks_of_their_ports() -> None:
 
 def test_a_line_is_as_long_as_its_path_or_as_its_rotation_on_the_radius() -> None:
     total, turn = np.array([0.3, 0.0, -0.4]), np.array([0.0, 1.5, 2.0])
-    assert (Line(total, turn).length, Line(0 * total, turn).length) == (pytest.approx(0.5), 1.0)  # no radius: no length
-    assert Line(total, turn, 0.1).length == pytest.approx(0.5) and Line(total, turn, 0.1).by_arc_length
-    assert Line(total, turn, 0.3).length == pytest.approx(0.75) and not Line(total, turn, 0.3).by_arc_length
-    assert Line(total, 0 * turn, largest=True).length == 0.4 and not Line(total, 0 * turn, largest=True).by_arc_length
-    assert not Line(0 * total, turn, 0.3).by_arc_length and not Line(0 * total, 0 * turn).by_arc_length
+    # no radius: no length
+    assert (Line(total, turn).length, Line(0 * total, turn).length) == (pytest.approx(0.5), 1.0)
+    assert (
+        Line(total, turn, 0.1).length == pytest.approx(0.5) and Line(total, turn, 0.1).by_arc_length
+    )
+    assert (
+        Line(total, turn, 0.3).length == pytest.approx(0.75)
+        and not Line(total, turn, 0.3).by_arc_length
+    )
+    assert (
+        Line(total, 0 * turn, largest=True).length == 0.4
+        and not Line(total, 0 * turn, largest=True).by_arc_length
+    )
+    assert (
+        not Line(0 * total, turn, 0.3).by_arc_length and not Line(0 * total, 0 * turn).by_arc_length
+    )
 
 
 @pytest.mark.parametrize("angle", [0.5, 2.0, 3.1, 5.5])
@@ -372,7 +482,8 @@ def test_points_that_coincide_or_lie_on_a_line_have_no_circle() -> None:
     far, near = np.array([1.0, 0.0, 0.0]), np.array([1.0, 1e-10, 0.0])
     assert circle_through(far, near) is None and circle_through(far, 2 * far) is None
     assert circle_through(1e-10 * far + 1e-10 * near[[1, 0, 2]], far) is None
-    assert circle_through(far, np.array([-1.0, 1e-6, 0.0])) is not None  # almost a full line, but a circle
+    # almost a full line, but a circle
+    assert circle_through(far, np.array([-1.0, 1e-6, 0.0])) is not None
 
 
 @pytest.mark.parametrize("side", ["arm", "motor"])
@@ -381,17 +492,28 @@ def test_constants_of_motors_are_those_of_their_gears(side: str) -> None:
     model = flexgen.read("elbow")
     gear = replace(model.elements[1].dofs[0].gear, side=side, damping=3.0)  # type: ignore[type-var]
     dofs = [
-        replace(e.dofs[0], gear=g) for e, g in zip(model.elements, (Gear(True, side, None, 7.0), gear), strict=True)
+        replace(e.dofs[0], gear=g)
+        for e, g in zip(model.elements, (Gear(True, side, None, 7.0), gear), strict=True)
     ]
     elements = tuple(replace(e, dofs=(dof,)) for e, dof in zip(model.elements, dofs, strict=True))
     made = motor_constants(replace(model, elements=elements))
     factor = 1.0 if side == "arm" else model.eta[1, 1] ** 2
     assert made.gear_damping == (0.0, pytest.approx(3.0 * factor))
-    assert made.damping_factor == (0.0, pytest.approx(factor)) and made.gear_is_rigid == (True, False)
+    assert made.damping_factor == (0.0, pytest.approx(factor)) and made.gear_is_rigid == (
+        True,
+        False,
+    )
     assert_allclose(np.array(made.eta) @ np.array(made.eta_inverse), np.eye(2), atol=1e-12)
-    assert made.rotor_inertia == tuple(m.inertia for m in model.motors) and made.gears == ("q1", "q2")
+    assert made.rotor_inertia == tuple(m.inertia for m in model.motors) and made.gears == (
+        "q1",
+        "q2",
+    )
 
 
 def test_only_viscous_friction_is_linear() -> None:
-    assert is_linear(Friction(viscous=0.5)) and is_linear(Friction()) and is_linear(Friction(0.5, offset=2.0))
+    assert (
+        is_linear(Friction(viscous=0.5))
+        and is_linear(Friction())
+        and is_linear(Friction(0.5, offset=2.0))
+    )
     assert not is_linear(Friction(viscous=0.5, coulomb=0.1))

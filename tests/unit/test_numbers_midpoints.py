@@ -23,7 +23,9 @@ def test_a_hysteresis_loads_springs_and_frictions() -> None:
     q_g = np.stack([0.3 * t**2, -0.2 * t**3], axis=1)
     v_g, a_g = np.stack([0.6 * t, -0.6 * t**2], axis=1), np.stack([0.6 + 0 * t, -1.2 * t], axis=1)
     bend = np.array([1e-4, -2e-4])
-    motion: Any = Made(t=t, q_a=q_g, v_a=v_g, a_a=a_g, q_m=(q_g + bend) * n, v_m=v_g * n, a_m=a_g * n)
+    motion: Any = Made(
+        t=t, q_a=q_g, v_a=v_g, a_a=a_g, q_m=(q_g + bend) * n, v_m=v_g * n, a_m=a_g * n
+    )
     motion.tau_m, motion.force, motion.tau_b = np.zeros((7, 2)), None, None
     z = np.stack([200.0 + 100 * t, -50.0 + 0 * t], axis=1)
     motion.tau_h = z
@@ -33,7 +35,9 @@ def test_a_hysteresis_loads_springs_and_frictions() -> None:
     middle = (t[:-1] + t[1:]) / 2
     z_mid = np.stack([200.0 + 100 * middle, -50.0 + 0 * middle], axis=1)
     v_m = np.stack([0.6 * middle, -0.6 * middle**2], axis=1) * n
-    k = [dof.gear.spring.stiffness for e in plain.elements for dof in e.dofs if dof.gear is not None]  # type: ignore[union-attr]
+    k = [
+        dof.gear.spring.stiffness for e in plain.elements for dof in e.dofs if dof.gear is not None
+    ]  # type: ignore[union-attr]
     load = np.array(k) * bend / n
     more = torque(v_m, load + z_mid / n) - torque(v_m, load + 0 * z_mid)
     assert_allclose(found[:, :2] - without[:, :2], -z_mid, rtol=1e-9)

@@ -71,7 +71,10 @@ def test_a_video_shows_the_robot_between_its_instants() -> None:
 
 def test_a_video_of_a_robot_as_it_is_shows_it_once() -> None:
     """Without a reference, in one view, with the vertical axis downwards; also before and after its instants."""
-    figure, data = Figure(), moving(1, -1.0, [(0, 2)]) | {"reference": None, "beams": [], "joints": []}
+    figure, data = (
+        Figure(),
+        moving(1, -1.0, [(0, 2)]) | {"reference": None, "beams": [], "joints": []},
+    )
     move = video._begin(figure, data, "arm")
     (axes,) = figure.axes
     trail, arm, last = axes.lines
@@ -83,12 +86,16 @@ def test_a_video_of_a_robot_as_it_is_shows_it_once() -> None:
         points = np.array(data["poses"][0][k]).reshape(4, 3)[:, [0, 2]]
         assert_allclose(arm.get_xydata(), points, atol=1e-15)
         assert_allclose(last.get_xydata(), points[-1:], atol=1e-15)
-        shown = [row for time, row in zip(data["time"], data["tool"], strict=True) if time <= t] + [data["tool"][k]]
+        shown = [row for time, row in zip(data["time"], data["tool"], strict=True) if time <= t] + [
+            data["tool"][k]
+        ]
         assert_allclose(trail.get_xydata(), np.array(shown)[:, [0, 2]], atol=1e-15)
 
 
 @pytest.mark.parametrize("channels", [[], [0]])
-def test_large_motions_of_oscillators_follow_from_sums(channels: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_motions_of_oscillators_follow_from_sums(
+    channels: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Two masses, a spring of `sin`, two steps by sums over 15 samples; a sensor of a product of three rates."""
     m, k, speed, lines, rest = 0.5, 8.0, 2.0, np.array([1, 3]), np.array([0.3, 0.1])
     q, v, a = (ca.SX.sym(name, 2) for name in ("q", "v", "a"))
@@ -97,14 +104,17 @@ def test_large_motions_of_oscillators_follow_from_sums(channels: list[int], monk
     left = ca.vertcat(symbol * a[0] + force, a[1] + 3 * q[1] - force)
     equations: Any = Made(y=(q, v, a), left=left, symbols=symbol, model=Made(dof=2))
     monkeypatch.setattr(large_motions, "motor_rows", lambda model: np.array([[2.0, 1.0]]))
-    monkeypatch.setattr(large_motions, "sensor_signals", lambda equations: ca.vertcat(v[0] ** 2 * a[1], q))
+    monkeypatch.setattr(
+        large_motions, "sensor_signals", lambda equations: ca.vertcat(v[0] ** 2 * a[1], q)
+    )
     made = large_motions.LargeMotions(equations, np.array([m]), channels, lambda function: function)
     s = 1j * speed * np.arange(7)[:, None, None]
     K = k * np.cos(0.2) * np.array([[1, -1], [-1, 1]]) + np.diag([0, 3])
     Z, held = s**2 * np.diag([m, 1.0]) + 0.4 * s * np.eye(2) + K, 0.1 * s * np.ones((2, 2))
     linear = np.array([[0.2 + 0.1j, 0.1], [-0.1j, 0.05j]])  # lines, coordinates
     found = made.outputs(rest, lines, speed, Z, held, linear[:, :, None])
-    turns = np.exp(1j * np.outer(np.arange(15) * 2 * np.pi / 15, np.arange(7)))  # samples, multiples
+    # samples, multiples
+    turns = np.exp(1j * np.outer(np.arange(15) * 2 * np.pi / 15, np.arange(7)))
 
     def motion(Y: np.ndarray) -> list[np.ndarray]:
         return [np.real(turns @ x) for x in (Y, s[:, 0] * Y, s[:, 0] ** 2 * Y)]
@@ -129,7 +139,8 @@ def test_large_motions_of_oscillators_follow_from_sums(channels: list[int], monk
         _, rates, accelerations = motion(Y)
         expected.append(spectrum(rates[:, 0] ** 2 * accelerations[:, 1])[lines])
     assert_allclose(found[:, :, 0], np.array(expected).T, atol=1e-12)
-    assert {count for _, count in made._many} == {15}  # products of three lines up to 3 do not fall on lines
+    # products of three lines up to 3 do not fall on lines
+    assert {count for _, count in made._many} == {15}
 
 
 class Local:
@@ -151,7 +162,9 @@ class Local:
         return 3.0
 
 
-@pytest.mark.parametrize(("delay", "whole", "rest"), [(0.0, 0, 0.0), (2.5e-3, 2, 5e-4), (3e-3, 3, 0.0)])
+@pytest.mark.parametrize(
+    ("delay", "whole", "rest"), [(0.0, 0, 0.0), (2.5e-3, 2, 5e-4), (3e-3, 3, 0.0)]
+)
 def test_a_closed_loop_begins_with_the_parts_of_its_move(
     delay: float, whole: int, rest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,11 +194,22 @@ def test_a_closed_loop_begins_with_the_parts_of_its_move(
         return reference
 
     def reference_of(
-        trajectory: Any, path: Any, sample_s: float, late: float, library: Any, time: Any, known: Any
+        trajectory: Any,
+        path: Any,
+        sample_s: float,
+        late: float,
+        library: Any,
+        time: Any,
+        known: Any,
     ) -> Any:
         seen.update(time=time, late=late)
         count = len(time)
-        return Made(time=time, motion="motion", points=lambda at: seen.update(points=at) or "points", count=count)
+        return Made(
+            time=time,
+            motion="motion",
+            points=lambda at: seen.update(points=at) or "points",
+            count=count,
+        )
 
     equations = Made(model=robot, pushed_by=lambda one: ("pushed by", one.tolist()))
     names: list[Any] = []
@@ -195,25 +219,41 @@ def test_a_closed_loop_begins_with_the_parts_of_its_move(
     monkeypatch.setattr(case, "make_force", made_force)
     monkeypatch.setattr(case, "resting", resting)
     monkeypatch.setattr(case, "motion_reference", reference_of)
-    monkeypatch.setattr(case, "library_with", lambda model, functions, **more: names.append((functions, more)))
+    monkeypatch.setattr(
+        case, "library_with", lambda model, functions, **more: names.append((functions, more))
+    )
     solution: Any = Made(trajectory=Trajectory(), move=None)
-    made = case.control_case(robot, solution=solution, sample_time=1e-3, delay=delay, encoder_noise=1e-6)
+    made = case.control_case(
+        robot, solution=solution, sample_time=1e-3, delay=delay, encoder_noise=1e-6
+    )
     assert seen["force"] == (Trajectory, 0.7) and seen["pushed"] == ("pushed by", force[0].tolist())
     assert seen["late"] == delay and made.delay == pytest.approx(delay)
     assert (made.delay_samples, made.hardware.delay_s) == (whole, pytest.approx(rest, abs=1e-15))
     assert (made.hardware.delay_s == 0) == (rest == 0) and made.hardware.encoder_noise_rad == 1e-6
     assert made.hardware.torque_max_Nm == tuple(motor.torque_max or 0.0 for motor in robot.motors)
     assert (made.hardware.encoder_resolution_rad, made.hardware.torque_noise_Nm) == (0.0, 0.0)
-    assert seen["time"][0] == pytest.approx(0.1 - 2.0) and seen["time"][-1] == pytest.approx(0.8 + 0.5)
-    assert len(seen["points"]) == 40 and seen["points"][[0, -1]].tolist() == [0, len(seen["time"]) - 1]
-    assert made.rate == 3.0 and made.rests == ("rest",) and made.force == "process" and made.gears is None
+    assert seen["time"][0] == pytest.approx(0.1 - 2.0) and seen["time"][-1] == pytest.approx(
+        0.8 + 0.5
+    )
+    assert len(seen["points"]) == 40 and seen["points"][[0, -1]].tolist() == [
+        0,
+        len(seen["time"]) - 1,
+    ]
+    assert (
+        made.rate == 3.0
+        and made.rests == ("rest",)
+        and made.force == "process"
+        and made.gears is None
+    )
     assert names == [(["forward_dynamics", "forward_dynamics_tool_force"], names[0][1])]
     assert names[0][1]["parameters"] == () and names[0][1]["per_point"] is False
     free = case.control_case(robot, solution=solution, sample_time=1e-3, torque_limits=False)
     assert free.hardware.torque_max_Nm == () and free.hardware.encoder_noise_rad == 0.0
 
 
-def test_numbers_of_an_observer_lie_as_its_program_reads_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_of_an_observer_lie_as_its_program_reads_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Panels of 24 rows, 4 outputs side by side, and each part from a cache line on."""
     model = flexgen.read("elbow")
     n_a, n_m, n_x = model.n_a, model.n_m, 2 * model.dof
@@ -238,7 +278,10 @@ def test_numbers_of_an_observer_lie_as_its_program_reads_them(monkeypatch: pytes
         flexgen_constant_gain_run: Any = staticmethod(lambda *given: 0)
 
     monkeypatch.setattr(constant_gain, "c_module", lambda *given, **more: Program)
-    motion = {name: rng.normal(size=(5, n)) for name, n in (("q_a", n_a), ("q_m", n_m), ("v_a", n_a), ("v_m", n_m))}
+    motion = {
+        name: rng.normal(size=(5, n))
+        for name, n in (("q_a", n_a), ("q_m", n_m), ("v_a", n_a), ("v_m", n_m))
+    }
     torque = rng.normal(size=(5, n_m))
     ConstantGainObserver._make(made, motion, torque, False)
     tables, (F, G, C, D, M) = made._tables, matrices
@@ -250,10 +293,16 @@ def test_numbers_of_an_observer_lie_as_its_program_reads_them(monkeypatch: pytes
         assert_allclose(panel[:, :n_x], np.vstack([F[k].T, G[k].T]))
         assert_allclose(panel[:, n_x:], 0.0)
         side = found[24 * (n_x + n_m) : 28 * (n_x + n_m)].reshape(n_x + n_m, 4)
-        assert_allclose(side, np.hstack([np.vstack([C[k].T, D[k].T])[:, order[1:]], np.zeros((n_x + n_m, 2))]))
-        assert_allclose(found[28 * (n_x + n_m) : size], np.vstack([M[k][:, j] for j in order]).ravel())
+        assert_allclose(
+            side, np.hstack([np.vstack([C[k].T, D[k].T])[:, order[1:]], np.zeros((n_x + n_m, 2))])
+        )
+        assert_allclose(
+            found[28 * (n_x + n_m) : size], np.vstack([M[k][:, j] for j in order]).ravel()
+        )
     assert_allclose(tables["u_ref"], np.vstack([torque[:1], torque[:4]]))
-    assert_allclose(tables["x_ref"], np.hstack([motion[name] for name in ("q_a", "q_m", "v_a", "v_m")]))
+    assert_allclose(
+        tables["x_ref"], np.hstack([motion[name] for name in ("q_a", "q_m", "v_a", "v_m")])
+    )
     assert_allclose(tables["y_ref"], motion["q_m"][:, [0, 1, 1]])
     assert tables["state"].tolist() == [n_a + 0]
     head = made._head

@@ -24,7 +24,9 @@ def test_joints_above_a_link_are_those_up_to_the_base() -> None:
         assert _Overlay._above(reader, link) == expected
 
 
-@pytest.mark.parametrize(("real", "c_real"), [(np.float64, ctypes.c_double), (np.float32, ctypes.c_float)])
+@pytest.mark.parametrize(
+    ("real", "c_real"), [(np.float64, ctypes.c_double), (np.float32, ctypes.c_float)]
+)
 def test_the_growth_of_a_motion_is_asked_of_its_library(
     real: Any, c_real: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -34,7 +36,11 @@ def test_the_growth_of_a_motion_is_asked_of_its_library(
     fields = {key: np.ones((3, 2)) for key in growth._WIDTHS} | {"period": 0.25}
     for name, value in fields.items():
         object.__setattr__(motion, name, value)
-    monkeypatch.setattr(growth, "struct_of", lambda kind, **arrays: ctypes.c_int(sum(x.size for x in arrays.values())))
+    monkeypatch.setattr(
+        growth,
+        "struct_of",
+        lambda kind, **arrays: ctypes.c_int(sum(x.size for x in arrays.values())),
+    )
 
     def entry(given: Any, n: Any, period: Any, *pointers: Any) -> int:
         asked.append((n.value, type(period), period.value, pointers[-1].value))
@@ -50,6 +56,8 @@ def test_the_growth_of_a_motion_is_asked_of_its_library(
     assert made(motion) == 2.5 and asked == [(3, c_real, 0.25, 40)]
     with pytest.raises(SolverError, match="growth: not finite"):
         made(motion)
-    with pytest.raises(ArgumentError, match="growth, motion: given int, expected what invert returned"):
+    with pytest.raises(
+        ArgumentError, match="growth, motion: given int, expected what invert returned"
+    ):
         made(3)  # type: ignore[arg-type]
     assert isinstance(made.closed, type(Event()))

@@ -32,8 +32,17 @@ MODEL: Any = Made(
 def test_bounds_of_the_numbers_of_gears() -> None:
     """Springs and elements within a factor, exponents from 1 on, lost motions in parts of their units, others free."""
     lower, upper = fit._bounds(MODEL)
-    assert_allclose(lower, [1 / fit.REACH] * 2 + [fit.STIFF] * 2 + [0.5, 0.25, fit.LEAST_LOST, fit.LEAST_LOST, -np.inf])
-    assert_allclose(upper, [fit.REACH] * 4 + [fit.SHARPEST / 2, fit.SHARPEST / 4, fit.MOST_LOST, fit.MOST_LOST, np.inf])
+    assert_allclose(
+        lower,
+        [1 / fit.REACH] * 2
+        + [fit.STIFF] * 2
+        + [0.5, 0.25, fit.LEAST_LOST, fit.LEAST_LOST, -np.inf],
+    )
+    assert_allclose(
+        upper,
+        [fit.REACH] * 4
+        + [fit.SHARPEST / 2, fit.SHARPEST / 4, fit.MOST_LOST, fit.MOST_LOST, np.inf],
+    )
 
 
 @pytest.mark.parametrize(
@@ -47,7 +56,9 @@ def test_bounds_of_the_numbers_of_gears() -> None:
         (1.0, fit.NO_LOST * 1.01, False),
     ],
 )
-def test_an_element_without_a_loop_is_fixed_at_none(stiffness: float, lost: float, dropped: bool) -> None:
+def test_an_element_without_a_loop_is_fixed_at_none(
+    stiffness: float, lost: float, dropped: bool
+) -> None:
     """The second one: it becomes a part of its spring, once."""
     lower, upper = fit._bounds(MODEL)
     theta = np.array([1.1, 1.2, 1.3, stiffness, 0.9, 0.8, 1.0, lost, 5.0])
@@ -90,7 +101,11 @@ def test_torques_under_way_add_up_to_the_delay(
 
 def test_noises_are_parts_of_the_largest_torques() -> None:
     """A motor without a limit has the largest of the others, and 1 N m where there is none."""
-    for limits, expected in (([3.0, None], [3.0, 3.0]), ([None, None], [1.0, 1.0]), ([0.2, None], [0.2, 1.0])):
+    for limits, expected in (
+        ([3.0, None], [3.0, 3.0]),
+        ([None, None], [1.0, 1.0]),
+        ([0.2, None], [0.2, 1.0]),
+    ):
         model: Any = Made(motors=[Made(torque_max=x) for x in limits])
         assert_allclose(Noises(model).largest, expected)
     robot = flexgen.read("elbow")
@@ -113,9 +128,17 @@ def test_relative_errors_of_numbers_are_those_of_their_logarithms() -> None:
         Made(name="m.offset", tied=(), scale="linear"),
         Made(name=DELAY, tied=(), scale="linear"),
     ]
-    values = {"a.stiffness": 5.0, "b.stiffness": 7.0, "m.coulomb": 0.25, "m.offset": 0.0, DELAY: 1e-3}
+    values = {
+        "a.stiffness": 5.0,
+        "b.stiffness": 7.0,
+        "m.coulomb": 0.25,
+        "m.offset": 0.0,
+        DELAY: 1e-3,
+    }
     own: Any = Made(vector=Made(unknowns=unknowns, named=lambda x: values), x=None)
-    C = np.array([[4.0, 0.5, 9.0, 9.0], [0.5, 2.0, 9.0, 9.0], [9.0, 9.0, 9.0, 9.0], [9.0, 9.0, 9.0, 9.0]])
+    C = np.array(
+        [[4.0, 0.5, 9.0, 9.0], [0.5, 2.0, 9.0, 9.0], [9.0, 9.0, 9.0, 9.0], [9.0, 9.0, 9.0, 9.0]]
+    )
     names, found = Estimated._relative_covariance(own, C)
     assert names == ["a.stiffness", "b.stiffness", "m.coulomb"]
     assert_allclose(found, [[4.0, 4.0, 2.0], [4.0, 4.0, 2.0], [2.0, 2.0, 32.0]])

@@ -16,7 +16,11 @@ import pytest
 NOTICED: dict[str, dict[str, dict[str, Any]]] = {
     "refused or cut beyond": {
         "flexgen.benchmarks.foreign": {"STEP_S": 5.0, "BEGIN_S": 60.0, "TOTAL_S": 1800.0},
-        "flexgen.benchmarks.scenario_file": {"MOST_DRAWS": 1000, "MOST_STEPS": 10000, "LARGEST": 10**9},
+        "flexgen.benchmarks.scenario_file": {
+            "MOST_DRAWS": 1000,
+            "MOST_STEPS": 10000,
+            "LARGEST": 10**9,
+        },
         "flexgen.calibration.calibrate": {"FEWEST": 5},
         "flexgen.calibration.frames": {"ENOUGH": 60, "TRIED": 8},
         "flexgen.codegen.interface": {"INTERVALS_MAX": 10000, "SAMPLES_MAX": 1000},
@@ -25,14 +29,22 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.numerics.executors": {"IN_FLIGHT": 32},
         "flexgen.gears.identify": {"MOST": 64},
         "flexgen.gears.signals": {"PER_PERIOD": 5, "EVEN": 0.02, "LEAST_HZ": 5.0},
-        "flexgen.identification.experiments.excitation": {"MOST_SAMPLES": 10_000_000, "MOST_PERIODS": 100000},
+        "flexgen.identification.experiments.excitation": {
+            "MOST_SAMPLES": 10_000_000,
+            "MOST_PERIODS": 100000,
+        },
         "flexgen.identification.experiments.experiment": {"LANES": 48},
         "flexgen.identification.motion_correction": {"MANY": 300_000, "MOST_NUMBERS": 30_000_000},
         "flexgen.identification.motion_fit": {"LEAST_SEGMENTS": 4},
         "flexgen.identification.structure": {"MOST_ROUNDS": 20},
         "flexgen.laws.linearising": {"HIGHEST_HZ": 100000.0},
         "flexgen.library.directory": {"MANIFEST_MAX": 20_000_000},
-        "flexgen.loop.closed_loop": {"MOST_STEPS": 1000, "MOST_DELAY": 64, "LONGEST_STEP_S": 5.0, "DELAY_ERROR": 0.001},
+        "flexgen.loop.closed_loop": {
+            "MOST_STEPS": 1000,
+            "MOST_DELAY": 64,
+            "LONGEST_STEP_S": 5.0,
+            "DELAY_ERROR": 0.001,
+        },
         "flexgen.loop.interface": {"MOST_MEMORY": 2**28},
         "flexgen.loop.margins": {
             "LARGEST_GAIN": 100.0,
@@ -49,7 +61,11 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.model.moves": {"LONGEST_NAME": 100},
         "flexgen.observers.extended_kalman": {"LARGEST_RATE": 2.0**10},
         "flexgen.paths.force_files": {"LINE_MAX": 1000, "ROWS_MAX": 200000},
-        "flexgen.paths.sample_files": {"LINE_MAX": 20000, "UNIT": 0.001, "ROTATION_MAX": math.pi / 2},
+        "flexgen.paths.sample_files": {
+            "LINE_MAX": 20000,
+            "UNIT": 0.001,
+            "ROTATION_MAX": math.pi / 2,
+        },
         "flexgen.performance.payload": {"FARTHEST": 3.0, "UNEXPLAINED": 0.5, "FEWEST_BLOCKS": 6},
         "flexgen.planning.arguments": {"MOST": 5000},
         "flexgen.planning.phase": {"DURATIONS": (0.001, 1000.0)},
@@ -59,7 +75,12 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.servo.record": {"MOST": 1000000, "FEWEST": 100, "LONGEST_S": 1.0, "EVEN": 0.02},
         "flexgen.spec.fourier": {"STEEPEST": 0.5},
         "flexgen.spec.xml_lines": {"DEPTH": 64},
-        "flexgen.trajectory_files": {"LARGEST": 2**30, "LINE": 100000, "CHANNELS": 1000, "NAME": 200},
+        "flexgen.trajectory_files": {
+            "LARGEST": 2**30,
+            "LINE": 100000,
+            "CHANNELS": 1000,
+            "NAME": 200,
+        },
     },
     "named, warned of or accepted from": {
         "flexgen.accuracy.corners": {"INSTANTS": 20001, "STRAIGHT": math.cos(math.radians(1.0))},
@@ -76,7 +97,12 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.gears.further_elements": {"SEEN": (4.0, 8.0), "MOVES": 1.5},
         "flexgen.gears.identify": {"WEAK": 0.5, "EXCESS": 3.0, "NARROWER": (0.6, 0.36)},
         "flexgen.gears.signals": {"ROUGH": 0.001, "ABOVE_NOISE": 10.0},
-        "flexgen.identification.causes.explain": {"LEAST_SHARE": 0.7, "EXPLAINED": 0.95, "ALSO": 0.05, "REFITS": 3},
+        "flexgen.identification.causes.explain": {
+            "LEAST_SHARE": 0.7,
+            "EXPLAINED": 0.95,
+            "ALSO": 0.05,
+            "REFITS": 3,
+        },
         "flexgen.identification.causes.levels": {"LEAST_FACTOR": 1.3},
         "flexgen.identification.frequency_response": {
             "REPEATS": 6.0,
@@ -86,7 +112,12 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         },
         "flexgen.identification.graybox": {"COST_LEAST": 0.5, "COST_MOST": 2.0, "SPREAD": 1.5},
         "flexgen.identification.motion_correction": {"UNSURE": (0.1, 1.0)},
-        "flexgen.identification.recordings.description": {"JITTER": 0.05, "WRAP": 1.0, "REPEATED": 0.005, "CLIPPED": 3},
+        "flexgen.identification.recordings.description": {
+            "JITTER": 0.05,
+            "WRAP": 1.0,
+            "REPEATED": 0.005,
+            "CLIPPED": 3,
+        },
         "flexgen.identification.structure": {"LEAST_GAIN": 10.0},
         "flexgen.inversion.limits": {"NOTICED": 1e-06},
         "flexgen.inversion.methods.full_model": {"NOTICED": 0.01},
@@ -109,7 +140,11 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.simulation.simulate": {"FALLEN": 0.1},
     },
     "times, filters and gains that are chosen": {
-        "flexgen.identification.experiments.plan": {"BANDWIDTH": 8.0, "POSITION_GAIN": 8.0, "SAMPLED_GAIN": 0.3},
+        "flexgen.identification.experiments.plan": {
+            "BANDWIDTH": 8.0,
+            "POSITION_GAIN": 8.0,
+            "SAMPLED_GAIN": 0.3,
+        },
         "flexgen.identification.parameters": {"PRIOR_SD": 2.0},
         "flexgen.loop.case": {"HOLD_S": 2.0, "AFTER_S": 0.5, "WALL_STEPS": 4.0},
         "flexgen.loop.channels": {
@@ -136,7 +171,9 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.laws.study": {"REST_S": 1.0},
         "flexgen.numerics.low_pass": {"POWER": 0.99},
         "flexgen.observers.collision": {"BANDWIDTH_HZ": 15.0},
-        "flexgen.observers.extended_kalman": {"START": {"position": 0.001, "speed": 0.01, "torque": 0.1}},
+        "flexgen.observers.extended_kalman": {
+            "START": {"position": 0.001, "speed": 0.01, "torque": 0.1}
+        },
         "flexgen.performance.commanded": {"EARLY_S": 0.15, "BLEND_S": 0.1},
         "flexgen.performance.payload": {
             "LOW_PASS_HZ": 8.0,
@@ -146,7 +183,11 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
             "FRICTION_SD": 0.3,
             "BLOCK_S": 0.5,
         },
-        "flexgen.performance.residual_vibration": {"WINDOW_S": 0.4, "SAMPLES": 50.0, "PERIODS": (1.0, 8.0)},
+        "flexgen.performance.residual_vibration": {
+            "WINDOW_S": 0.4,
+            "SAMPLES": 50.0,
+            "PERIODS": (1.0, 8.0),
+        },
         "flexgen.performance.smoother": {
             "MODEL_ERROR": 0.2,
             "LOAD_ERROR": 0.02,
@@ -161,7 +202,12 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.sweeps.cases": {"SPAN": {"rad": math.pi, "m": 0.5}},
         "flexgen.sweeps.folder": {"SHARD_SIZE": 16, "BATCH_SIZE": 512, "SHARDS": 64},
         "flexgen.uncertainty.in_loop": {"DRAWN": 64},
-        "flexgen.uncertainty.prediction": {"LEVEL": 0.95, "DRAWN": 4000, "IN_BANDS": 400, "INSTANTS": 200},
+        "flexgen.uncertainty.prediction": {
+            "LEVEL": 0.95,
+            "DRAWN": 4000,
+            "IN_BANDS": 400,
+            "INSTANTS": 200,
+        },
         "flexgen.exports.ros2.export": {"STEP_TOLERANCE": 0.001, "START_TOLERANCE": 0.01},
         "flexgen.exports.selftest.cases": {
             "LIMITS": {"double": (1e-09, 0.001), "single": (0.02, 0.1)},
@@ -171,7 +217,13 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.exports.fmu.plant": {"STEPS_PER_TIME_CONSTANT": 20},
     },
     "what is shown": {
-        "flexgen.cli.main": {"SUCCESS": 0, "FAILURE": 1, "USAGE": 2, "INTERRUPTED": 130, "PIPE_CLOSED": 141},
+        "flexgen.cli.main": {
+            "SUCCESS": 0,
+            "FAILURE": 1,
+            "USAGE": 2,
+            "INTERRUPTED": 130,
+            "PIPE_CLOSED": 141,
+        },
         "flexgen.cli.result": {"EVERY": 2.0},
         "flexgen.display": {"SHOWN": 12},
         "flexgen.loop.result": {"SHOWN": 20},
@@ -192,7 +244,10 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
 @pytest.mark.parametrize("kind", NOTICED)
 def test_limits_and_thresholds_are_what_they_were(kind: str) -> None:
     modules = {name: importlib.import_module(name) for name in NOTICED[kind]}
-    found = {name: {key: getattr(modules[name], key) for key in rows} for name, rows in NOTICED[kind].items()}
+    found = {
+        name: {key: getattr(modules[name], key) for key in rows}
+        for name, rows in NOTICED[kind].items()
+    }
     assert found == NOTICED[kind]
 
 

@@ -37,7 +37,9 @@ def test_known_tableaus_of_gauss_radau_and_lobatto() -> None:
     assert_allclose(three.A, [[5 / 12, -1 / 12], [3 / 4, 1 / 4]], rtol=1e-13)
     simpson = lobatto()
     assert (simpson.name, simpson.order) == ("Lobatto IIIA 3", 4)
-    assert_allclose(simpson.A, [[0, 0, 0], [5 / 24, 1 / 3, -1 / 24], [1 / 6, 2 / 3, 1 / 6]], atol=1e-15)
+    assert_allclose(
+        simpson.A, [[0, 0, 0], [5 / 24, 1 / 3, -1 / 24], [1 / 6, 2 / 3, 1 / 6]], atol=1e-15
+    )
     theta = np.array([0.0, 0.3, 0.8, 1.0])
     for table in (two, three, simpson, gauss(3)):
         once, twice = table.weights(theta)
@@ -48,15 +50,21 @@ def test_known_tableaus_of_gauss_radau_and_lobatto() -> None:
             assert_allclose(once @ f, theta ** (k + 1) / (k + 1), atol=1e-13)
             assert_allclose(twice @ f, theta ** (k + 2) / (k + 1) / (k + 2), atol=1e-13)
             assert_allclose(table.AA @ f, table.c ** (k + 2) / (k + 1) / (k + 2), atol=1e-13)
-            assert_allclose([table.b @ f, table.bb @ f], [1 / (k + 1), 1 / (k + 1) / (k + 2)], rtol=1e-12)
+            assert_allclose(
+                [table.b @ f, table.bb @ f], [1 / (k + 1), 1 / (k + 1) / (k + 2)], rtol=1e-12
+            )
 
 
-@pytest.mark.parametrize(("name", "allowed"), [("c", 3e-16), ("b", 3e-16), ("A", 1e-13), ("AA", 3e-16)])
+@pytest.mark.parametrize(
+    ("name", "allowed"), [("c", 3e-16), ("b", 3e-16), ("A", 1e-13), ("AA", 3e-16)]
+)
 def test_the_tables_in_c_are_those_of_three_gauss_points(name: str, allowed: float) -> None:
     """A wrong digit would be an error of the motion that no law shows; A[0][2] has one of 6e-14, less than rounding."""
     found = re.search(rf"gauss_{name}\b[^=;]*= (\{{[^;]*);", read_clib()["inversion_common.h"])
     assert found is not None
-    numbers = [float(a) / float(b or 1) for a, b in re.findall(r"(-?\d\.\d+)(?: / (\d+\.\d+))?", found[1])]
+    numbers = [
+        float(a) / float(b or 1) for a, b in re.findall(r"(-?\d\.\d+)(?: / (\d+\.\d+))?", found[1])
+    ]
     assert_allclose(numbers, np.ravel(getattr(gauss(3), name)), rtol=0, atol=allowed)
 
 
@@ -78,7 +86,12 @@ def test_angles_between_rotations_from_tiny_to_half_a_turn() -> None:
 
 
 def test_the_riccati_equation_holds_and_a_hopeless_one_is_reported() -> None:
-    F, G, Q, R = np.array([[1.1, 0.2], [0.0, 0.9]]), np.array([[0.0], [1.0]]), np.diag([1.0, 2.0]), np.array([[0.5]])
+    F, G, Q, R = (
+        np.array([[1.1, 0.2], [0.0, 0.9]]),
+        np.array([[0.0], [1.0]]),
+        np.diag([1.0, 2.0]),
+        np.array([[0.5]]),
+    )
     assert_allclose(riccati(F, G, Q, R), solve_discrete_are(F, G, Q, R), rtol=1e-14)
     with pytest.raises(SolverError, match="use other weights, or other sensors"):
         riccati(np.diag([2.0, 3.0]), np.zeros((2, 1)), Q, R)
@@ -175,15 +188,22 @@ def test_the_assembled_jacobian_is_that_of_the_assembled_constraints() -> None:
     chance = np.random.default_rng(2)
     scale_x, x0 = chance.uniform(0.5, 2.0, of.size), chance.normal(size=of.size)
     extra = np.arange(1.0, 10.0)[None]
-    g, jacobian, scale = of.constraints(x, rows, [z, row, h, p], [*of.parameters, extra], scale_x, x0)
+    g, jacobian, scale = of.constraints(
+        x, rows, [z, row, h, p], [*of.parameters, extra], scale_x, x0
+    )
     at = ca.Function("at", [x], [g, jacobian, ca.jacobian(g, x)])
     point = chance.normal(size=of.size)
     values, assembled, differentiated = (np.array(v) for v in at(point))
     assert_allclose(assembled, differentiated, atol=1e-12)
     true, here = scale_x * point, ca.Function("rows", [z, row, h, p], [rows])
-    local = [np.array(here(true[of.where[k]], *[v[:, k] for v in [*of.parameters, extra]])).ravel() for k in range(9)]
+    local = [
+        np.array(here(true[of.where[k]], *[v[:, k] for v in [*of.parameters, extra]])).ravel()
+        for k in range(9)
+    ]
     between = of.continuity @ true / np.tile(scale_x[:2], of.N)
-    assert_allclose(values.ravel(), np.r_[(np.array(local) * scale).ravel(), between], rtol=1e-11, atol=1e-13)
+    assert_allclose(
+        values.ravel(), np.r_[(np.array(local) * scale).ravel(), between], rtol=1e-11, atol=1e-13
+    )
     slope = ca.Function("slope", [z, row, h, p], [ca.jacobian(rows, z)])
     sizes = []
     for k in (0, 2, 4, 6, 8):
@@ -222,12 +242,16 @@ def test_a_linear_fit_with_prior_and_bounds_is_that_of_scipy() -> None:
         (np.array([free[0] + 0.3, -9, -9]), np.array([9, 9, 9.0])),
         (np.full(3, -9.0), np.array([9, free[1] - 0.2, 9.0])),
     ):
-        fit = minimize(*linear(J, d), np.array([20.0, -20.0, 0.0]), center, sd, bounds, distance=1e-9)
+        fit = minimize(
+            *linear(J, d), np.array([20.0, -20.0, 0.0]), center, sd, bounds, distance=1e-9
+        )
         expected = lsq_linear(*whole, bounds, method="bvls").x
         assert fit.converged and 2 <= fit.iterations < 20
         assert_allclose(fit.x, expected, atol=1e-8)
         assert_allclose(fit.cost, np.sum((J @ expected - d) ** 2), rtol=1e-8)
-        assert_allclose(fit.objective, fit.cost + np.sum(((expected - center) / sd) ** 2), rtol=1e-8)
+        assert_allclose(
+            fit.objective, fit.cost + np.sum(((expected - center) / sd) ** 2), rtol=1e-8
+        )
         held = (fit.x <= bounds[0]) | (fit.x >= bounds[1])
         assert_array_equal(fit.at_bound, held)
         assert_allclose(fit.A, J.T @ J, rtol=1e-14)
@@ -235,7 +259,9 @@ def test_a_linear_fit_with_prior_and_bounds_is_that_of_scipy() -> None:
 
 def test_a_fit_at_a_corner_ends_at_once() -> None:
     sums, cost = linear(np.eye(2), np.array([-5.0, 5.0]))
-    fit = minimize(sums, cost, np.zeros(2), np.zeros(2), np.full(2, 1e3), (np.zeros(2), np.zeros(2)))
+    fit = minimize(
+        sums, cost, np.zeros(2), np.zeros(2), np.full(2, 1e3), (np.zeros(2), np.zeros(2))
+    )
     assert fit.converged and fit.iterations == 1 and fit.at_bound.all() and fit.cost == 50.0
 
 
@@ -267,7 +293,8 @@ def test_the_trust_region_follows_the_curved_valley_and_refuses_bad_steps() -> N
     assert np.all(np.diff(values) < 0)
     moved = [float(np.linalg.norm(b - a)) for a, b in pairwise(steps)]
     assert max(moved) <= trust_region.LARGEST_RADIUS and moved[0] <= trust_region.RADIUS * 1.06
-    assert (fit.iterations, len(steps)) == (17, 14)  # measured: the rules of the radius decide these numbers
+    # measured: the rules of the radius decide these numbers
+    assert (fit.iterations, len(steps)) == (17, 14)
 
 
 def test_a_search_with_a_wrong_model_stops_where_it_gains_little() -> None:
@@ -382,12 +409,22 @@ def test_a_nonlinear_program_with_all_that_can_be_given() -> None:
     bound, equality = found.multipliers
     assert_allclose(2 * (y - [2, 0]) + equality * y[::-1] + bound, 0.0, atol=1e-7)
     assert_allclose(found.g, [1.0], atol=1e-9)
-    assert len(lines) == found.iterations + 1 and lines[0].startswith("IPOPT iteration   0: cost  2.000e+00")
-    assert "constraints  0.00e+00" in lines[0] and lines[-1].startswith(f"IPOPT iteration {found.iterations:3d}")
+    assert len(lines) == found.iterations + 1 and lines[0].startswith(
+        "IPOPT iteration   0: cost  2.000e+00"
+    )
+    assert "constraints  0.00e+00" in lines[0] and lines[-1].startswith(
+        f"IPOPT iteration {found.iterations:3d}"
+    )
     warm = nlp.solve_nlp(plain, y, multipliers=found.multipliers, **arguments)
     assert warm.success and warm.iterations < found.iterations
     assert_allclose(warm.x, y, atol=1e-8)
     short = nlp.solve_nlp(plain, np.array([1.0, 5.0]), max_iterations=1, **arguments)
-    assert not short.success and short.status == "Maximum_Iterations_Exceeded" and short.iterations == 1
-    free = nlp.solve_nlp(nlp.NonlinearProgram(x=x, cost=cost, g=x[1] - 3, hessian=2 * ca.DM.eye(2)), np.zeros(2))
+    assert (
+        not short.success
+        and short.status == "Maximum_Iterations_Exceeded"
+        and short.iterations == 1
+    )
+    free = nlp.solve_nlp(
+        nlp.NonlinearProgram(x=x, cost=cost, g=x[1] - 3, hessian=2 * ca.DM.eye(2)), np.zeros(2)
+    )
     assert_allclose(free.x, [2.0, 3.0], atol=1e-8)

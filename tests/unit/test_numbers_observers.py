@@ -59,7 +59,9 @@ def test_a_detector_integrates_the_momentum_of_the_definition() -> None:
     assert free.sample is None
     assert_allclose(free.residual, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())
     largest = np.abs(expected).max(axis=0)
-    assert_allclose(detector.calibrate([(q_m[:20], tau[:20]), (q_m, tau)], 0.9), 0.9 * largest, rtol=1e-6)
+    assert_allclose(
+        detector.calibrate([(q_m[:20], tau[:20]), (q_m, tau)], 0.9), 0.9 * largest, rtol=1e-6
+    )
     hit = detector.detect(q_m, tau).sample
     assert hit == np.flatnonzero((np.abs(expected) > 0.9 * largest).any(axis=1))[0]
     detector.calibrate([(q_m, tau)])
@@ -68,7 +70,8 @@ def test_a_detector_integrates_the_momentum_of_the_definition() -> None:
     detector.thresholds[:] = 1e-12
     late = np.vstack([q_m[:1], q_m[:1], q_m[:3]])
     still = (
-        np.linalg.inv(model.eta).T @ np.array(flexgen.derive(model).function("gravity")(np.array([0.3, -0.2]))).ravel()
+        np.linalg.inv(model.eta).T
+        @ np.array(flexgen.derive(model).function("gravity")(np.array([0.3, -0.2]))).ravel()
     )
     load = np.vstack([still, still, still, tau[:2]])
     assert detector.detect(late[:3], load[:3]).sample in (None, 1, 2)
@@ -79,22 +82,34 @@ def test_a_detector_integrates_the_momentum_of_the_definition() -> None:
         (given[0], given[0]),
         (given[:, :1], given[:, :1]),
     ):
-        with pytest.raises(ArgumentError, match=r"record: given shapes .*, expected \(n, 2\) twice"):
+        with pytest.raises(
+            ArgumentError, match=r"record: given shapes .*, expected \(n, 2\) twice"
+        ):
             detector.detect(q, torque)
     assert detector.detect(given, given).residual.shape == (3, 2)
     for bad in (0.0, 100.0, -1.0, float("nan")):
-        with pytest.raises(ArgumentError, match=r"bandwidth_hz: given .*, expected more than 0, below 100"):
+        with pytest.raises(
+            ArgumentError, match=r"bandwidth_hz: given .*, expected more than 0, below 100"
+        ):
             flexgen.CollisionDetector(model, H, bad)
 
 
-def linear(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, push: np.ndarray) -> PoseModel:
-    return PoseModel(A, B, push, np.zeros((len(A), 0)), C, D, np.zeros((len(C), 0)), np.zeros((0, len(A))))
+def linear(
+    A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, push: np.ndarray
+) -> PoseModel:
+    return PoseModel(
+        A, B, push, np.zeros((len(A), 0)), C, D, np.zeros((len(C), 0)), np.zeros((0, len(A)))
+    )
 
 
 def pose(seed: int = 0) -> PoseModel:
     """A stable random linear model: 6 states, 2 motors, 2 outputs."""
     rng = np.random.default_rng(seed)
-    A, B, C = rng.normal(size=(6, 6)) - 4 * np.eye(6), rng.normal(size=(6, 2)), rng.normal(size=(2, 6))
+    A, B, C = (
+        rng.normal(size=(6, 6)) - 4 * np.eye(6),
+        rng.normal(size=(6, 2)),
+        rng.normal(size=(2, 6)),
+    )
     return linear(A, B, C, 0.1 * rng.normal(size=(2, 2)), rng.normal(size=(6, 3)))
 
 
@@ -109,14 +124,19 @@ def test_the_stationary_gain_solves_the_riccati_equation_of_scipy() -> None:
     assert_allclose(G, whole[:6, 6:8], rtol=1e-8)
     push = whole[:6, 8:] * 20.0
     largest = noises.largest
-    Q = block_diag(G @ np.diag((0.05 * largest) ** 2) @ G.T + push @ push.T, np.diag((1.3 * largest) ** 2 * 0.01))
+    Q = block_diag(
+        G @ np.diag((0.05 * largest) ** 2) @ G.T + push @ push.T,
+        np.diag((1.3 * largest) ** 2 * 0.01),
+    )
     assert_allclose(design.process_noise(at, G, noises, 0.01), Q, rtol=1e-8)
     A = block_diag(F, np.eye(2))
     A[:6, 6:] = G
     H_ = np.hstack([at.C[[1, 0]], at.D[[1, 0]]])
     assert_allclose(np.hstack([C, D]), H_)
     P = solve_discrete_are(A.T, H_.T, Q, np.diag(noise**2))
-    assert_allclose(M, P @ H_.T @ np.linalg.inv(H_ @ P @ H_.T + np.diag(noise**2)), rtol=1e-5, atol=1e-8)
+    assert_allclose(
+        M, P @ H_.T @ np.linalg.inv(H_ @ P @ H_.T + np.diag(noise**2)), rtol=1e-5, atol=1e-8
+    )
 
 
 def test_states_that_do_not_show_are_named() -> None:
@@ -152,14 +172,17 @@ def test_states_that_do_not_show_are_named() -> None:
     slow = fast.copy()
     slow[2] = -1e-4
     with pytest.raises(
-        ArgumentError, match=r"outputs: given m1, m2, which do not determine q3; measure more, such as al"
+        ArgumentError,
+        match=r"outputs: given m1, m2, which do not determine q3; measure more, such as al",
     ):
         check(slow, B, 0)
     slow[2] = -2e-3
     check(slow, B, 0)
     slow[model.n_a] = 0.5  # grows, and shows
     check(slow, B, 0)
-    with pytest.raises(ArgumentError, match=r"which do not determine disturbance of m1, disturbance of m2; measure"):
+    with pytest.raises(
+        ArgumentError, match=r"which do not determine disturbance of m1, disturbance of m2; measure"
+    ):
         check(fast, B, 2)
     B[model.n_a, 0] = B[model.n_a + 1, 1] = 1.0
     check(fast, B, 2)
@@ -177,7 +200,9 @@ def test_arrays_of_observers_are_checked_and_aligned() -> None:
         assert memory.shape == (size,) and memory.ctypes.data % 64 == 0 and not memory.any()
     assert design.vector("a", [1, 2], 2).tolist() == [1.0, 2.0]
     for bad in ([1.0], [1.0, np.nan], [[1.0, 2.0]]):
-        with pytest.raises(ArgumentError, match=r"a: given shape .*, expected \(2,\), finite numbers"):
+        with pytest.raises(
+            ArgumentError, match=r"a: given shape .*, expected \(2,\), finite numbers"
+        ):
             design.vector("a", bad, 2)
     assert design.record("y", np.ones((3, 2)), 3, 2).flags["C_CONTIGUOUS"]
     with pytest.raises(ArgumentError, match=r"y: given shape \(3, 2\), expected \(3, 3\)"):
@@ -189,9 +214,13 @@ def test_a_filter_begins_at_rest_or_at_a_state() -> None:
     model = flexgen.read("planar5_nmp")
     ekf = flexgen.ExtendedKalmanFilter(model)
     n, n_a, n_m = model.dof, model.n_a, model.n_m
-    assert repr(ekf) == f"<ExtendedKalmanFilter {model.title}: 2 outputs, 12 states, samples of 1 ms>"
+    assert (
+        repr(ekf) == f"<ExtendedKalmanFilter {model.title}: 2 outputs, 12 states, samples of 1 ms>"
+    )
     largest = ekf.noises.largest
-    assert_allclose(np.sqrt(np.diag(ekf.covariance)), np.r_[np.full(n, 1e-3), np.full(n, 1e-2), 0.1 * largest])
+    assert_allclose(
+        np.sqrt(np.diag(ekf.covariance)), np.r_[np.full(n, 1e-3), np.full(n, 1e-2), 0.1 * largest]
+    )
     e = flexgen.derive(model)
     q_m = model.eta @ np.array([0.2, 0.4])
     ekf.reset(q_m)
@@ -214,10 +243,15 @@ def test_a_filter_begins_at_rest_or_at_a_state() -> None:
     for bad, text in (
         (np.eye(3), r"covariance: given shape \(3, 3\), expected a symmetric matrix \(12, 12\)"),
         (P + np.triu(P, 1), "expected a symmetric matrix"),
-        (np.diag(np.r_[0.0, np.ones(11)]), "given a matrix with a variance <= 0, expected a positive one"),
+        (
+            np.diag(np.r_[0.0, np.ones(11)]),
+            "given a matrix with a variance <= 0, expected a positive one",
+        ),
         (np.eye(12) + 1.1 * (np.eye(12)[::-1]), "given a matrix with a variance <= 0"),
         (
-            np.diag(10.0 ** np.arange(12)) @ (np.eye(12) + 1.1 * np.eye(12)[::-1]) @ np.diag(10.0 ** np.arange(12)),
+            np.diag(10.0 ** np.arange(12))
+            @ (np.eye(12) + 1.1 * np.eye(12)[::-1])
+            @ np.diag(10.0 ** np.arange(12)),
             "<= 0",
         ),
     ):
@@ -225,11 +259,14 @@ def test_a_filter_begins_at_rest_or_at_a_state() -> None:
             ekf.reset(covariance=bad)
     rate = ekf._local.largest_rate(ekf._at_rest(model.eta @ np.array(model.home)), np.zeros(0))
     assert ekf._head.steps == max(1, np.ceil(rate * H / extended_kalman.STEP_TIMES_RATE))
-    assert ekf._head.doublings == max(0, np.ceil(np.log2(rate * H / extended_kalman.TRANSITION_TIMES_RATE)))
+    assert ekf._head.doublings == max(
+        0, np.ceil(np.log2(rate * H / extended_kalman.TRANSITION_TIMES_RATE))
+    )
     slow = extended_kalman.LARGEST_RATE / rate
     if slow < 1.0:
         with pytest.raises(
-            ArgumentError, match=rf"sample_time: given .* s, and the fastest eigenvalue is {rate:.3g} 1/s"
+            ArgumentError,
+            match=rf"sample_time: given .* s, and the fastest eigenvalue is {rate:.3g} 1/s",
         ):
             flexgen.ExtendedKalmanFilter(model, sample_time=1.01 * slow)
     for bad_time in (1.1, 9e-7, True):
@@ -254,7 +291,9 @@ def test_torque_of_a_disturbance_is_in_the_estimate() -> None:
         assert_allclose(found.normalized, z[:, 0])
 
 
-def test_false_alarms_are_as_rare_as_the_number_of_runs_states(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_false_alarms_are_as_rare_as_the_number_of_runs_states(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Residuals of runs without contact, drawn at random with heavy tails, and no margin."""
     robot = flexgen.read("elbow")
     detector = flexgen.CollisionDetector(robot, 1e-3)
@@ -268,7 +307,8 @@ def test_false_alarms_are_as_rare_as_the_number_of_runs_states(monkeypatch: pyte
         thresholds = detector.calibrate([(draw(), draw()) for _ in range(9)], margin=1.0)
         alarms += bool((draw() > thresholds).any())
     assert detector.false_alarms == pytest.approx(bound)
-    assert alarms / 2000 == pytest.approx(1 - 0.9**2, abs=0.02)  # of motors that do not depend on each other
+    # of motors that do not depend on each other
+    assert alarms / 2000 == pytest.approx(1 - 0.9**2, abs=0.02)
     monkeypatch.setattr(detector, "detect", own)
     still = np.zeros((3, 2))
     assert own(still, still).false_alarms == pytest.approx(bound)

@@ -24,7 +24,11 @@ ENUMS = {"hold": ("spline", "zoh"), "interpolation": ("linear", "cubic")}
 class Fields(ctypes.Structure):
     """A servo with a gain for each motor."""
 
-    _fields_ = (("sample_time", ctypes.c_double), ("delay", ctypes.c_double), ("position_gain", ctypes.c_void_p))
+    _fields_ = (
+        ("sample_time", ctypes.c_double),
+        ("delay", ctypes.c_double),
+        ("position_gain", ctypes.c_void_p),
+    )
 
 
 class Robot(ctypes.Structure):
@@ -40,36 +44,69 @@ def entry(status: int = 0) -> ServoEntry:
         given = ctypes.cast(robot, ctypes.POINTER(Robot)).contents
         n, each = count.value, given.samples_per_position
         rows = np.ctypeslib.as_array(ctypes.cast(commands, ctypes.POINTER(ctypes.c_double)), (n, 3))
-        to = np.ctypeslib.as_array(ctypes.cast(out, ctypes.POINTER(ctypes.c_double)), ((n - 1) // each + 1, 3))
+        to = np.ctypeslib.as_array(
+            ctypes.cast(out, ctypes.POINTER(ctypes.c_double)), ((n - 1) // each + 1, 3)
+        )
         to[:] = rows[::each] + 100 * given.interpolation + size.value
         return status
 
     interface: Any = Made(enums=ENUMS, structs={"robot_interface": Robot, "servo": Fields})
     work: Any = lambda n, robot: 10 * n.value  # noqa: E731, as a function of a library
     failures: Any = {-3: (SolverError, "no answer")}
-    return ServoEntry(interface, lambda: Fields(4e-3, 6e-3, None), 2, np.dtype(float), fit, work, failures)
+    return ServoEntry(
+        interface, lambda: Fields(4e-3, 6e-3, None), 2, np.dtype(float), fit, work, failures
+    )
 
 
 def test_options_of_a_servo_have_its_hold_and_delay() -> None:
     """In samples of the servo; its members may be others than those of the model file."""
     made = entry()
     found = made.options("invert", True, 4e-3 * (1 + 1e-10), "zoh", 0)
-    assert (found["hold"], found["delay"]) == (1, pytest.approx(1.5)) and found["servo"].position_gain is None
+    assert (found["hold"], found["delay"]) == (1, pytest.approx(1.5)) and found[
+        "servo"
+    ].position_gain is None
     assert made.sample_time == 4e-3 and servo_options(None, "invert", None, 1.0, "spline", 0) == {}
-    mine = servo_options(made, "invert", {"position_gain": [3.0, 5.0], "delay": 8e-3}, 4e-3, "spline", 0)
-    assert mine["delay"] == pytest.approx(2.0) and [x.tolist() for x in mine["servo"].kept] == [[3.0, 5.0]]
-    assert np.ctypeslib.as_array((ctypes.c_double * 2).from_address(mine["servo"].position_gain)).tolist() == [3.0, 5.0]
+    mine = servo_options(
+        made, "invert", {"position_gain": [3.0, 5.0], "delay": 8e-3}, 4e-3, "spline", 0
+    )
+    assert mine["delay"] == pytest.approx(2.0) and [x.tolist() for x in mine["servo"].kept] == [
+        [3.0, 5.0]
+    ]
+    assert np.ctypeslib.as_array(
+        (ctypes.c_double * 2).from_address(mine["servo"].position_gain)
+    ).tolist() == [3.0, 5.0]
     for given, period, hold, delay, text in (
-        (True, 4e-3, "foh", 0, "invert, hold: given 'foh' and a delay of 0 with a servo, expected its own"),
-        (True, 4e-3, "zoh", 0.5, "invert, hold: given 'zoh' and a delay of 0.5 with a servo, expected its own"),
+        (
+            True,
+            4e-3,
+            "foh",
+            0,
+            "invert, hold: given 'foh' and a delay of 0 with a servo, expected its own",
+        ),
+        (
+            True,
+            4e-3,
+            "zoh",
+            0.5,
+            "invert, hold: given 'zoh' and a delay of 0.5 with a servo, expected its own",
+        ),
         (3, 4e-3, "zoh", 0, "invert, servo: given 3, expected True or a mapping of its members"),
         ({"gain": 1.0}, 4e-3, "zoh", 0, "invert, servo: given 'gain', expected one of "),
-        (True, 5e-3, "zoh", 0, "invert, period: given samples of the results 0.005 s apart, expected 0.004 s, the"),
+        (
+            True,
+            5e-3,
+            "zoh",
+            0,
+            "invert, period: given samples of the results 0.005 s apart, expected 0.004 s, the",
+        ),
     ):
         with pytest.raises(ArgumentError) as refused:
             made.options("invert", given, period, hold, delay)
         assert str(refused.value).startswith(text)
-    with pytest.raises(ArgumentError, match=r"invert, servo: given to a library without positions, expected one that"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"invert, servo: given to a library without positions, expected one that",
+    ):
         servo_options(None, "invert", True, 4e-3, "zoh", 0)
 
 
@@ -79,7 +116,9 @@ def test_positions_for_a_robot_are_fewer_than_the_commands() -> None:
     found = entry().samples("send", commands, 3, "cubic")
     assert_allclose(found, commands[::3] + 100 + 70)
     assert entry().samples("send", commands[:6], 3, "linear").shape == (2, 3)
-    with pytest.raises(ArgumentError, match="send: given the interpolation 'quintic', expected linear, cubic"):
+    with pytest.raises(
+        ArgumentError, match="send: given the interpolation 'quintic', expected linear, cubic"
+    ):
         entry().samples("send", commands, 3, "quintic")
     with pytest.raises(SolverError, match="send: no answer"):
         entry(-3).samples("send", commands, 3, "linear")
@@ -113,7 +152,9 @@ def test_circles_and_legs_of_moves_are_checked() -> None:
     circle(0.0, 1e-8, 0.0)
     circle(3e-9, 6.0, 8.0 + 1e-7)
     for center in ((0.0, 0.0, 0.0), (0.0, 6.0, 8.0), (1e-9, 0.6, 0.8)):
-        with pytest.raises(ValueError, match="center: a center that is not on the axis through the start"):
+        with pytest.raises(
+            ValueError, match="center: a center that is not on the axis through the start"
+        ):
             circle(*center)
     format_tasks._check_angle(table, Made(values={"angle": -0.1}))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="angle_deg: an angle that is not 0"):
@@ -157,7 +198,9 @@ def test_outputs_of_a_plant_have_the_deflections_of_all_coordinates() -> None:
     """Of an elastic gear the motor less the arm, of a rigid one zero, of a passive coordinate itself."""
     gear = [Made(rigid=False), Made(rigid=True)]
     coordinates = [Made(dof=Made(gear=gear[0])), Made(dof=None), Made(dof=Made(gear=gear[1]))]
-    model: Any = Made(eta=np.array([[100.0, 0.0], [50.0, 20.0]]), i_g=(0, 2), coordinates=coordinates)
+    model: Any = Made(
+        eta=np.array([[100.0, 0.0], [50.0, 20.0]]), i_g=(0, 2), coordinates=coordinates
+    )
     p, R = ca.SX([1.0, 2.0, 3.0]), ca.SX(np.arange(9.0).reshape(3, 3))
     called = {"forward_kinematics": (p, R)}.__getitem__
     q_m, v_m, q_a = ca.SX([30.0, 40.0]), ca.SX([5.0, 6.0]), ca.SX([0.25, 0.7, 1.2])
@@ -178,4 +221,7 @@ def test_a_ring_of_angles_has_their_sums_as_another_basis() -> None:
     assert len(TrigonometricRing([x], [a, b], (), (), (), [[1, 0], [0, 1]])._bases) == 1
     assert plain.reduce(plain.sin(a) ** 2) == plain.one - plain.cos(a) ** 2
     assert plain.reduce(plain.element(y) ** 2) == plain.one - plain.element(x) ** 2
-    assert plain.element(-3 * x) == -3 * plain.element(x) and plain.element(sp.Rational(2, 3)) * 3 == 2 * plain.one
+    assert (
+        plain.element(-3 * x) == -3 * plain.element(x)
+        and plain.element(sp.Rational(2, 3)) * 3 == 2 * plain.one
+    )

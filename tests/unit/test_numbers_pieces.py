@@ -30,7 +30,9 @@ from flexgen.simulation.hysteretic_rate import hysteretic_rate, slip_torques
 
 
 # --- servos -----------------------------------------------------------------------------------------------------------
-def search(sums: list[float], monkeypatch: pytest.MonkeyPatch, weight: float = 1e-4) -> tuple[list[float], Any]:
+def search(
+    sums: list[float], monkeypatch: pytest.MonkeyPatch, weight: float = 1e-4
+) -> tuple[list[float], Any]:
     """Weights of the steps of a search whose trials have these sums of squares; of a trial below 0 no motion."""
     weights: list[float] = []
     left = iter(sums)
@@ -45,18 +47,25 @@ def search(sums: list[float], monkeypatch: pytest.MonkeyPatch, weight: float = 1
 
     monkeypatch.setattr(identify, "_change", change)
     monkeypatch.setattr(identify, "WEIGHT", weight)
-    made: Any = Made(within=lambda p: p, run=run, result=lambda p, e, J, ended: (p[0], e @ e, ended))
+    made: Any = Made(
+        within=lambda p: p, run=run, result=lambda p, e, J, ended: (p[0], e @ e, ended)
+    )
     told: list[str] = []
     found = identify._search(made, np.zeros(1), np.array([1.0, 0.0]), np.ones((2, 1)), told.append)
-    assert told[0] == "step 1: 7.07e+05 urad of the motors' angles unexplained" and len(told) == len(weights)
+    assert told[0] == "step 1: 7.07e+05 urad of the motors' angles unexplained" and len(
+        told
+    ) == len(weights)
     return weights, found
 
 
-def test_a_search_of_a_servo_weighs_its_steps_by_their_success(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_of_a_servo_weighs_its_steps_by_their_success(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A step that lowers the sum divides the weight by 8, another multiplies it by 10 and is not taken."""
     weights, found = search([0.5, 0.6, -1.0, 0.25, 0.25 * (1 - 0.9e-5)], monkeypatch)
     assert_allclose(weights, np.array([1.0, 1 / 8, 10 / 8, 100 / 8, 100 / 64]) * 1e-4)
-    assert found == (3.0, pytest.approx(0.25 * (1 - 0.9e-5)), True)  # lowered by less than a part of 1e-5
+    # lowered by less than a part of 1e-5
+    assert found == (3.0, pytest.approx(0.25 * (1 - 0.9e-5)), True)
     weights, found = search([1.0] * 40, monkeypatch, 0.5)
     assert_allclose(weights, [0.5, 5.0, 50.0, 500.0, 5000.0])  # no step lowers it
     assert found == (0.0, 1.0, True)
@@ -107,7 +116,9 @@ def test_torques_of_bristles_follow_their_law() -> None:
         speed = lambda x, gain=gain: gain * 3.0 * np.sin(w * x) ** 3  # noqa: E731
         stiffness, damping = rows[j][3:]
         right = lambda x, y, j=j, speed=speed, k=stiffness: [k * rate(j, speed(x), y[0])]  # noqa: E731
-        exact = solve_ivp(right, (0.0, 0.5), [0.0], "LSODA", t, rtol=1e-8, atol=1e-10, max_step=2e-3).y[0]
+        exact = solve_ivp(
+            right, (0.0, 0.5), [0.0], "LSODA", t, rtol=1e-8, atol=1e-10, max_step=2e-3
+        ).y[0]
         expected = [y + damping * rate(j, speed(x), y) for x, y in zip(t, exact, strict=True)]
         assert_allclose(along[:, j], expected, atol=2e-6)
     assert not along[:, 2].any()
@@ -117,7 +128,11 @@ def test_torques_of_bristles_follow_their_law() -> None:
 @pytest.mark.parametrize("name", ["elbow", "manutec_r3", "two_arm"])
 def test_steps_return_where_a_branch_begins_and_for_the_tool(name: str) -> None:
     model = flexgen.read(name)
-    found = [step.name for step in chain_steps(model, Symbols(), [0] * model.n_m) if isinstance(step, Return)]
+    found = [
+        step.name
+        for step in chain_steps(model, Symbols(), [0] * model.n_m)
+        if isinstance(step, Return)
+    ]
     expected, here = [], "base"
     for element in model.elements:
         if model.parents[element.name] != here:
@@ -130,7 +145,10 @@ def test_steps_return_where_a_branch_begins_and_for_the_tool(name: str) -> None:
 # --- headers ----------------------------------------------------------------------------------------------------------
 def test_contents_of_a_library_are_those_of_its_functions() -> None:
     def spec(**function: str) -> Any:
-        return Made(c_functions=[Made(**{"name": "solve", "file": "invert.c", **function})], motor_constants=None)
+        return Made(
+            c_functions=[Made(**{"name": "solve", "file": "invert.c", **function})],
+            motor_constants=None,
+        )
 
     assert header.has_growth(spec(file="growth.c")) and not header.has_growth(spec())
     assert header.has_bounds(spec(name="stream_all_limits")) and not header.has_bounds(spec())
@@ -151,21 +169,35 @@ def test_coordinates_without_inertia_are_named() -> None:
 
     found = inertia._massless(model, matrix(0.0))
     weights = v * np.sqrt(np.diag(np.eye(3) - np.outer(v, v)))
-    assert found == tuple(f"q{k}" for k in range(3) if weights[k] > 0.1 * weights.max()) == ("q0", "q2")
+    assert (
+        found
+        == tuple(f"q{k}" for k in range(3) if weights[k] > 0.1 * weights.max())
+        == ("q0", "q2")
+    )
     assert inertia._massless(model, matrix(1e-11)) == ()
     assert inertia._massless(model, np.diag([1.0, 0.0, 2.0])) == ("q1",)
 
 
 # --- recordings -------------------------------------------------------------------------------------------------------
-def recording(monkeypatch: pytest.MonkeyPatch, limit: float | None = None, **arrays: np.ndarray) -> Any:
+def recording(
+    monkeypatch: pytest.MonkeyPatch, limit: float | None = None, **arrays: np.ndarray
+) -> Any:
     """A file with time [ms], a torque, an angle [deg] and a signal."""
     t = np.arange(200.0)
-    given = {"t": t, "tau": np.sin(0.1 * t), "q": 10 * np.cos(0.05 * t), "a": np.sin(0.2 * t)} | arrays
+    given = {
+        "t": t,
+        "tau": np.sin(0.1 * t),
+        "q": 10 * np.cos(0.05 * t),
+        "a": np.sin(0.2 * t),
+    } | arrays
     monkeypatch.setattr(description, "read_named", lambda file, most: given)
     names = {"torque": "tau", "angle": "q", "signal": "a"}
     factors = {"torque": 0.5, "angle": description.ANGLE_UNITS["deg"], "signal": 2.0}
     kinds: Any = tuple([description._Channel("m1", names[k], factors[k], 0.25)] for k in names)
-    clock, model = description._Channel("", "t", description.TIME_UNITS["ms"]), Made(motors=[Made(torque_max=limit)])
+    clock, model = (
+        description._Channel("", "t", description.TIME_UNITS["ms"]),
+        Made(motors=[Made(torque_max=limit)]),
+    )
     return description.Recording(Path("run.csv"), clock, (*kinds, []), model)  # type: ignore[arg-type]
 
 
@@ -209,9 +241,14 @@ def test_recordings_at_a_limit_are_refused(monkeypatch: pytest.MonkeyPatch) -> N
         recording(monkeypatch, t=late)
     angle = 10 * np.cos(0.05 * np.arange(200.0))
     recording(monkeypatch, q=angle + np.rad2deg(0.9) * (np.arange(200) > 77))
-    with pytest.raises(ArgumentError, match=r"angle of motor m1 \('q'\): jumps by 1\.1\d rad at t = 0\.07\d s: the e"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"angle of motor m1 \('q'\): jumps by 1\.1\d rad at t = 0\.07\d s: the e",
+    ):
         recording(monkeypatch, q=angle + np.rad2deg(1.1) * (np.arange(200) > 77))
-    with pytest.raises(ArgumentError, match=r"signal of m1 \('a'\): given 199 samples, expected 200 as of the time"):
+    with pytest.raises(
+        ArgumentError, match=r"signal of m1 \('a'\): given 199 samples, expected 200 as of the time"
+    ):
         recording(monkeypatch, a=np.sin(np.arange(199.0)))
 
 
@@ -225,7 +262,9 @@ def test_recordings_at_a_limit_are_refused(monkeypatch: pytest.MonkeyPatch) -> N
         ("m/s^2", "accelerometer", False, {"m/s^2": 1.0, "g": 9.80665}),
     ],
 )
-def test_signals_have_units_of_their_channels(own: str, kind: str, of_force: bool, units: dict[str, float]) -> None:
+def test_signals_have_units_of_their_channels(
+    own: str, kind: str, of_force: bool, units: dict[str, float]
+) -> None:
     sensor = Made(channels=("a", "b"), units=("?", own), type=kind, of_force=of_force)
     asked: dict[str, Any] = {}
 
@@ -263,7 +302,9 @@ def test_directions_that_are_noise_of_the_torques_are_not_determined() -> None:
     share, A = np.array([0.05, 0.0799, 0.0801, 0.5]), np.diag([4.0, 9.0, 16.0, 25.0])
     made: Any = object.__new__(Residuals)
     J = np.sqrt(np.diag(A))[:, None] * np.eye(4)
-    vars(made).update(kind="structured", vector=Made(prior_sd=np.full(4, np.inf)), data=Made(periods=5.0))
+    vars(made).update(
+        kind="structured", vector=Made(prior_sd=np.full(4, np.inf)), data=Made(periods=5.0)
+    )
     vars(made).update(weight=lambda x, slopes: (None, J.reshape(4, 1, 1, 1, 4)))
     for k, part in enumerate(share):
         made._noisy = (np.eye(1), np.full((4, 1, 1), 0.7), np.full((4, 1, 1), part))
@@ -273,7 +314,9 @@ def test_directions_that_are_noise_of_the_torques_are_not_determined() -> None:
     made._noisy = None
     assert_allclose(made.covariance(np.zeros(4), A), 0.5 * np.linalg.inv(A))
     made.vector.prior_sd = np.full(4, 0.5)
-    assert_allclose(made.covariance(np.zeros(4), A), np.diag((0.5 * np.diag(A) + 4) / (np.diag(A) + 4) ** 2))
+    assert_allclose(
+        made.covariance(np.zeros(4), A), np.diag((0.5 * np.diag(A) + 4) / (np.diag(A) + 4) ** 2)
+    )
 
 
 # --- controllers of a user --------------------------------------------------------------------------------------------
@@ -289,10 +332,18 @@ def test_memory_of_a_plug_in_is_its_size_in_steps_of_16_bytes(size: int, taken: 
 
     made: Any = object.__new__(PlugIn)
     step = ctypes.CFUNCTYPE(ctypes.c_int)(lambda: 0)
-    vars(made).update(path=Path("own.so"), _size=lambda setup: size, _reset=reset, _step=step, _library="library")
-    setup: Any = Made(n_a=3, n_m=2, n_y=4, n_ref=9, sample_s=1e-3, q_m=np.array([[1.0, 2.0], [3.0, 4.0]]))
+    vars(made).update(
+        path=Path("own.so"), _size=lambda setup: size, _reset=reset, _step=step, _library="library"
+    )
+    setup: Any = Made(
+        n_a=3, n_m=2, n_y=4, n_ref=9, sample_s=1e-3, q_m=np.array([[1.0, 2.0], [3.0, 4.0]])
+    )
     found = made.compiled(setup)
-    assert found.memory.shape == (2, taken) and found.memory.dtype == np.uint8 and not found.memory.any()
+    assert (
+        found.memory.shape == (2, taken)
+        and found.memory.dtype == np.uint8
+        and not found.memory.any()
+    )
     assert setups == [(3, 2, 4, 9, 1e-3, 1.0, 2.0), (3, 2, 4, 9, 1e-3, 3.0, 4.0)]
     assert (found.fixed, found.errors, found.keep, found.foreign) == (0, {}, "library", True)
     assert found.address == ctypes.cast(step, ctypes.c_void_p).value

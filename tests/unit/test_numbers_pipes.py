@@ -15,7 +15,14 @@ from numpy.testing import assert_allclose
 from flexgen.benchmarks import foreign_process
 from flexgen.loop.interface import PythonController
 
-TOLD = {"q_m": [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], "sample_s": 1e-3, "n_a": 2, "n_y": 3, "n_ref": 13, "path": []}
+TOLD = {
+    "q_m": [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]],
+    "sample_s": 1e-3,
+    "n_a": 2,
+    "n_y": 3,
+    "n_ref": 13,
+    "path": [],
+}
 
 
 class Mine:
@@ -28,7 +35,9 @@ class Mine:
         self.steps += 1
         if y.sensors[0] > 5:
             raise ValueError("x" * 600)
-        return np.array([ref.tau_m[0] + 10 * y.q_m[1] + ref.v_a[1] - 1000 * k, 100 * self.steps + y.sensors[0]])
+        return np.array(
+            [ref.tau_m[0] + 10 * y.q_m[1] + ref.v_a[1] - 1000 * k, 100 * self.steps + y.sensors[0]]
+        )
 
 
 def numbers(k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +56,9 @@ def begin(**changes: Any) -> bytes:
     return struct.pack("=qq", foreign_process.BEGIN, len(text)) + text
 
 
-def answers(given: bytes, monkeypatch: pytest.MonkeyPatch, loads: Any) -> tuple[io.BytesIO, list[Any]]:
+def answers(
+    given: bytes, monkeypatch: pytest.MonkeyPatch, loads: Any
+) -> tuple[io.BytesIO, list[Any]]:
     """What the process writes, and what it does with its files."""
     taken, written, done = io.BytesIO(given), io.BytesIO(), []
     files: dict[Any, Any] = {(100, "rb"): taken, (101, "wb"): written}
@@ -82,7 +93,8 @@ def test_a_run_of_three_robots_one_of_which_fails(monkeypatch: pytest.MonkeyPatc
     given = samples(7) + begin() + samples(0, 2, 3) + begin(n_a=2) + samples(1) + b"end"
     out, done = answers(given, monkeypatch, load)
     assert done == [(100, {}), (101, {"buffering": 0}), (2, 1), (("null", 7), 0)]
-    assert len(loaded) == 1 and out.read(8) == struct.pack("=q", 0)  # nothing is wrong; no answer without a begin
+    # nothing is wrong; no answer without a begin
+    assert len(loaded) == 1 and out.read(8) == struct.pack("=q", 0)
     for count, (k, steps) in enumerate(((0, 1), (2, 2), (3, 3), (1, 1))):
         if count == 3:
             assert out.read(8) == struct.pack("=q", 0)  # begun again
@@ -90,19 +102,27 @@ def test_a_run_of_three_robots_one_of_which_fails(monkeypatch: pytest.MonkeyPatc
         u = np.frombuffer(out.read(48)).reshape(3, 2)
         text = out.read(size).decode()
         y, ref = numbers(k)
-        expected = np.stack([ref[:, 3] + 10 * y[:, 1] + ref[:, 10] - 1000 * k, 100 * steps + y[:, 2]], axis=1)
+        expected = np.stack(
+            [ref[:, 3] + 10 * y[:, 1] + ref[:, 10] - 1000 * k, 100 * steps + y[:, 2]], axis=1
+        )
         if k in (2, 3):
             expected[1] = np.nan
         assert_allclose(u, expected, rtol=1e-14)
         if k == 2:
             ((robot, words),) = json.loads(text).items()
-            assert robot == "1" and words.startswith("step 1 raised ValueError: xxx") and len(words) == 500
+            assert (
+                robot == "1"
+                and words.startswith("step 1 raised ValueError: xxx")
+                and len(words) == 500
+            )
         else:
             assert text == ""
     assert out.read() == b""
 
 
-@pytest.mark.parametrize(("error", "text"), [(ValueError("no class"), "no class"), (TypeError(), "TypeError")])
+@pytest.mark.parametrize(
+    ("error", "text"), [(ValueError("no class"), "no class"), (TypeError(), "TypeError")]
+)
 def test_a_controller_that_cannot_be_loaded_is_an_answer(
     error: Exception, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

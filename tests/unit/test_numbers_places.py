@@ -33,20 +33,36 @@ def test_rows_begin_an_odd_number_of_whole_vectors_apart(precision: str, size: i
 def test_sensors_of_an_overlay_lie_in_the_frames_of_links() -> None:
     """Those of an element are shifted as its body frame is, that of the tool is not."""
     shifts = {"upper": np.array([0.1, 0.2, -0.3]), TOOL: np.array([9.0, 9.0, 9.0])}
-    fields: dict[str, Any] = {"name": "acc", "type": "accelerometer", "place": "upper", "position": (1.0, 2.0, 3.0)}
-    fields |= {"axes": ((1.0, 0.0, 0.0),), "labels": ("x",), "noise": 0.1, "sample_s": None, "delay_s": 0.0}
+    fields: dict[str, Any] = {
+        "name": "acc",
+        "type": "accelerometer",
+        "place": "upper",
+        "position": (1.0, 2.0, 3.0),
+    }
+    fields |= {
+        "axes": ((1.0, 0.0, 0.0),),
+        "labels": ("x",),
+        "noise": 0.1,
+        "sample_s": None,
+        "delay_s": 0.0,
+    }
     made = Sensor(**fields, unit="m/s^2")
     assert_allclose(sensor_table(made, shifts)["position"], [1.1, 2.2, 2.7])
     assert tuple(sensor_table(replace(made, place="fore"), shifts)["position"]) == (1.0, 2.0, 3.0)
     tool = sensor_table(replace(made, place=TOOL), shifts)
-    assert tuple(tool["position"]) == (1.0, 2.0, 3.0) and (tool["name"], tool["type"]) == ("acc", "accelerometer")
+    assert tuple(tool["position"]) == (1.0, 2.0, 3.0) and (tool["name"], tool["type"]) == (
+        "acc",
+        "accelerometer",
+    )
 
 
 def test_outputs_of_an_overlay_name_their_coordinates() -> None:
     """Weighted sums without the coordinates that have no weight."""
     elbow = flexgen.read("elbow")
     assert output_table(elbow) == {"type": "tool_position", "axes": "xz"}
-    sums = replace(elbow, output=Output("combination", weights=((0.5, 0.0), (1.0, -2.0)), unit="rad"))
+    sums = replace(
+        elbow, output=Output("combination", weights=((0.5, 0.0), (1.0, -2.0)), unit="rad")
+    )
     rows = [{"q1": 0.5}, {"q1": 1.0, "q2": -2.0}]
     assert output_table(sums) == {"type": "combination", "unit": "rad", "rows": rows}
 
@@ -62,7 +78,10 @@ def test_what_an_overlay_has_no_key_for_is_refused() -> None:
             replace(elbow, elements=(first, drag)),
             "element.fore.body.rotational_drag: given a rotational_drag, expected",
         ),
-        (replace(elbow, payload=replace(elbow.payload, rotational_drag=0.1)), "payload.rotational_drag: given a drag"),
+        (
+            replace(elbow, payload=replace(elbow.payload, rotational_drag=0.1)),
+            "payload.rotational_drag: given a drag",
+        ),
         (flexgen.read("beam_arm"), "beam: given a beam, expected for URDF an element without it"),
     ):
         with pytest.raises(ModelError) as refused:
@@ -95,12 +114,15 @@ def test_texts_of_loops_state_their_operations(monkeypatch: pytest.MonkeyPatch) 
         layout: Any = "layout"
         return step_text.step_text("f", step, layout, {"M": 4, "b": 2, "x": 1}, "double")
 
-    for kind in (routine.Solve, routine.Factor, routine.Products):  # figures of the steps themselves
+    # figures of the steps themselves
+    for kind in (routine.Solve, routine.Factor, routine.Products):
         for name, value in (("operations", 7), ("depth", 8), ("ports", ("x", "M"))):
             monkeypatch.setattr(kind, name, value, raising=False)
     solve = made(routine.Solve, n=3)
     assert text(solve) == StepText("solve", 7, 8, ("M", "x"), True)
-    assert seen["solve"][-1] == literal(3 * EPSILON["double"], precision="double") and seen["solve"][:2] == ("f", solve)
+    assert seen["solve"][-1] == literal(3 * EPSILON["double"], precision="double") and seen[
+        "solve"
+    ][:2] == ("f", solve)
     assert text(made(routine.Factor, n=3)) == StepText("factor", 7, 8, (), True)
     assert text(made(routine.Products, target="b")) == StepText("products", 7, 8, ("b",), True)
     assert text(made(routine.Products, target="w")) == StepText("products", 7, 8, (), True)

@@ -27,7 +27,9 @@ def planar(**more: Any) -> Any:
     return flexgen.plan_problem("planar5_nmp", mesh=[0.0, 0.25, 0.5, 1.0], limits=False, **more)
 
 
-def unknowns(problem: Any, T: float, seed: int = 2) -> tuple[Layout, np.ndarray, np.ndarray, np.ndarray]:
+def unknowns(
+    problem: Any, T: float, seed: int = 2
+) -> tuple[Layout, np.ndarray, np.ndarray, np.ndarray]:
     """Polynomials of degree four in time, and of degree two, as unknowns."""
     rng, mesh = np.random.default_rng(seed), problem.mesh
     c, u = rng.standard_normal((mesh.n, 5)), rng.standard_normal((problem.equations.model.n_m, 3))
@@ -44,16 +46,30 @@ def of(c: np.ndarray, t: np.ndarray, order: int = 0) -> np.ndarray:
 
 def test_the_reference_of_a_plan_along_a_pose_is_that_of_the_move() -> None:
     """A line whose rotation is in proportion to its length, at parameters that another motion of the joints has."""
-    equations, away, turn = derive("manutec_r3"), np.array([0.2, 0.2, -0.1]), np.array([0.3, -0.2, 0.5])
+    equations, away, turn = (
+        derive("manutec_r3"),
+        np.array([0.2, 0.2, -0.1]),
+        np.array([0.3, -0.2, 0.5]),
+    )
     start = tuple(np.radians([0.0, 20.0, 70.0, 0.0, 60.0, 0.0]).tolist())
-    move = Move("line", "tool_line", start, 0.65, 5, displacement=tuple(away.tolist()), rotation=tuple(turn.tolist()))
+    move = Move(
+        "line",
+        "tool_line",
+        start,
+        0.65,
+        5,
+        displacement=tuple(away.tolist()),
+        rotation=tuple(turn.tolist()),
+    )
     model, s = equations.model, np.array([0.0, 0.15, 0.6, 1.0])
     states = np.hstack([0.1 * np.random.default_rng(1).standard_normal((4, model.dof)), s[:, None]])
     problem: Any = SimpleNamespace(
         equations=equations, path=Path(equations, move), tracks=True, timing="free", push=None
     )
     layout: Any = SimpleNamespace(phases=[SimpleNamespace(mesh=SimpleNamespace(s=3))])
-    motion = result.Samples(np.linspace(0.0, 0.9, 4), states, 0 * states, 0 * states, np.zeros((4, model.n_m)), s[:0])
+    motion = result.Samples(
+        np.linspace(0.0, 0.9, 4), states, 0 * states, 0 * states, np.zeros((4, model.n_m)), s[:0]
+    )
     found, tracked = result._trajectory(problem, layout, motion)
     begin, R = (np.array(x) for x in equations.function("forward_kinematics")(np.array(start)))
     assert tracked
@@ -79,7 +95,10 @@ def test_samples_of_a_plan_are_its_polynomials() -> None:
     q_m = result._all_motors(problem.equations, found.y)
     assert_allclose(q_m[:, list(model.i_m)], found.y[:, model.n_a :])
     count = len(result._between(problem, np.array([T])))
-    assert count == int(np.ceil(T * 0.5 / result.CLOSE)) and len(result._between(problem, np.array([1e-6]))) > 1
+    assert (
+        count == int(np.ceil(T * 0.5 / result.CLOSE))
+        and len(result._between(problem, np.array([1e-6]))) > 1
+    )
     assert len(result._between(problem, np.array([1e6]))) == result.MOST
     assert_allclose(np.diff(result._between(problem, np.array([T]))), 1 / count)
 
@@ -117,7 +136,11 @@ def test_rows_and_bounds_of_a_phase() -> None:
     assert [row.name for row in rows["path"]] == ["constraint 1", "speed", "constraint 5"]
     assert [row.name for row in rows["end"]] == ["constraint 2"] and rows["start"] == []
     first, speed, last = rows["path"]
-    assert first.lower.tolist() == [-1.0, -2.0] and first.upper.tolist() == [3.0, 3.0] and first.slack is None
+    assert (
+        first.lower.tolist() == [-1.0, -2.0]
+        and first.upper.tolist() == [3.0, 3.0]
+        and first.slack is None
+    )
     assert speed.lower.tolist() == speed.upper.tolist() == [0.0] and rows["end"][0].slack == 0.5
     assert rows["end"][0].lower.tolist() == [-np.inf] and rows["end"][0].upper.tolist() == [0.0]
     assert last.lower.tolist() == [0.0] and last.upper.tolist() == [np.inf]
@@ -128,23 +151,35 @@ def test_rows_and_bounds_of_a_phase() -> None:
     problem.bound("v_m", 1.0, 2.0)
     problem.bound("v_m", -5.0)
     problem.bound("q_a", [-1, -2, -3], [1, 2, 3])
-    assert problem.content.bands["v_m"].upper.tolist() == [np.inf] * 2 and len(problem.content.bands) == 2
+    assert (
+        problem.content.bands["v_m"].upper.tolist() == [np.inf] * 2
+        and len(problem.content.bands) == 2
+    )
     assert problem.content.bands["q_a"].lower.tolist() == [-1.0, -2.0, -3.0]
     with pytest.raises(
-        ArgumentError, match=r"^bound of v_m: given a lower bound above the upper one: \[2\.0, 2\.0\], \[1"
+        ArgumentError,
+        match=r"^bound of v_m: given a lower bound above the upper one: \[2\.0, 2\.0\], \[1",
     ):
         problem.bound("v_m", 2.0, 1.0)
     problem.bound("v_m", 2.0, 2.0)
-    with pytest.raises(ArgumentError, match=r"^bound of v_m: given .*, expected a number or 2 numbers$"):
+    with pytest.raises(
+        ArgumentError, match=r"^bound of v_m: given .*, expected a number or 2 numbers$"
+    ):
         problem.bound("v_m", [1.0, 2.0, 3.0])
-    assert repr(problem) == f"<PlanProblem planar5_nmp, number 0: {problem.given_duration:.4g} s, 3 intervals>"
+    assert (
+        repr(problem)
+        == f"<PlanProblem planar5_nmp, number 0: {problem.given_duration:.4g} s, 3 intervals>"
+    )
 
 
 def test_distances_from_the_path_and_from_obstacles_have_their_slack() -> None:
     """In phases that are added afterwards as well; a tenth of the tolerance is left between the points."""
     problem = planar()
     problem.follow(1e-3)
-    wall, ball = flexgen.HalfSpace((0.0, 1.0, 0.0), -9.0), flexgen.Sphere((9.0, 9.0, 0.0), 0.02, "ball")
+    wall, ball = (
+        flexgen.HalfSpace((0.0, 1.0, 0.0), -9.0),
+        flexgen.Sphere((9.0, 9.0, 0.0), 0.02, "ball"),
+    )
     problem.avoid(ball, wall, margin=0.01)
     later = problem.then(0.5, mesh=2)
     for phase in (problem, later):
@@ -157,7 +192,8 @@ def test_distances_from_the_path_and_from_obstacles_have_their_slack() -> None:
         assert not round_ball.lower.any() and np.isinf(round_ball.upper).all()
     free = planar(timing="free")
     with pytest.raises(
-        ArgumentError, match=r"^reference: there is none where the path parameter is free; use problem\.f"
+        ArgumentError,
+        match=r"^reference: there is none where the path parameter is free; use problem\.f",
     ):
         _ = free.reference
     assert free.tracks and problem.tracks and not planar().tracks
@@ -188,7 +224,13 @@ def small(**more: Any) -> Any:
     )
     matrix = np.array([[0.0, 1.0, 0.0, -1.0, 2.0]])
     scale, guess = np.array([1.0, 2.0, 0.5, 4.0, 10.0]), np.array([2.0, 1.0, -1.0, 3.0, 5.0])
-    return program(5, [block], (sp.csc_matrix(matrix), ["linear"], np.array([0.1])), scale, guess, **more), scale, guess
+    return (
+        program(
+            5, [block], (sp.csc_matrix(matrix), ["linear"], np.array([0.1])), scale, guess, **more
+        ),
+        scale,
+        guess,
+    )
 
 
 def test_a_program_is_its_blocks_in_scaled_unknowns() -> None:
@@ -200,7 +242,9 @@ def test_a_program_is_its_blocks_in_scaled_unknowns() -> None:
     rows = np.array([2 * true[0] ** 2 + true[1], 3 * true[2] ** 2 + true[3]])
     # a change of the unknowns by their scales changes a row by one at most, at the point of the guess
     factor = 1 / max(4 * guess[0] * scale[0], 6 * abs(guess[2]) * scale[2], scale[1], scale[3])
-    assert_allclose(g[:, 0], [*(factor * rows), 0.1 * (true[1] - true[3] + 2 * true[4])], rtol=1e-12)
+    assert_allclose(
+        g[:, 0], [*(factor * rows), 0.1 * (true[1] - true[3] + 2 * true[4])], rtol=1e-12
+    )
     assert_allclose(made.lower, [-factor, -2 * factor, 0.0])
     assert_allclose(made.upper, [4 * factor, np.inf, 0.0])
     assert made.names == ["row", "row", "linear"] and np.isnan(made.times[2]).all()
@@ -208,15 +252,23 @@ def test_a_program_is_its_blocks_in_scaled_unknowns() -> None:
     assert_allclose(made.scale, [factor, factor, 0.1])
     steep = max(abs(4 * (guess[0] - 1)), abs(6 * (guess[2] - 1) * scale[2]))
     assert made.cost_scale == pytest.approx(1 / steep)
-    assert float(cost[0, 0]) == pytest.approx((2 * (true[0] - 1) ** 2 + 3 * (true[2] - 1) ** 2) / steep)
+    assert float(cost[0, 0]) == pytest.approx(
+        (2 * (true[0] - 1) ** 2 + 3 * (true[2] - 1) ** 2) / steep
+    )
     slopes = [4 * (true[0] - 1), 0.0, 6 * (true[2] - 1) * 0.5, 0.0, 0.0]
     assert_allclose(gradient[:, 0], np.array(slopes) / steep, atol=1e-12)
     J = np.zeros((3, 5))
     J[0, :2], J[1, 2:4], J[2, [1, 3, 4]] = [4 * true[0], 1.0], [6 * true[2], 1.0], [1.0, -1.0, 2.0]
     assert_allclose(jacobian, np.array([factor, factor, 0.1])[:, None] * J * scale, atol=1e-12)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", 3)
-    curves = np.array(ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(x, 0.7, [1.0, -2.0, 5.0]))
-    expected = np.diag([0.7 * 4 / steep + factor * 4, 0.0, (0.7 * 6 / steep - 2 * factor * 6) * 0.25, 0.0, 0.0])
+    curves = np.array(
+        ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(
+            x, 0.7, [1.0, -2.0, 5.0]
+        )
+    )
+    expected = np.diag(
+        [0.7 * 4 / steep + factor * 4, 0.0, (0.7 * 6 / steep - 2 * factor * 6) * 0.25, 0.0, 0.0]
+    )
     assert_allclose(curves, expected, atol=1e-12)
 
 
@@ -232,7 +284,12 @@ def test_costs_and_rows_outside_of_blocks() -> None:
     true = scale * x
     f = ca.Function("f", [made.x], [made.cost, made.gradient, made.g, made.jacobian])
     cost, gradient, g, jacobian = (np.array(v) for v in f(x))
-    assert made.names[-1] == "more" and made.lower[-1] == -3.0 and made.upper[-1] == 7.0 and made.scale[-1] == 1.0
+    assert (
+        made.names[-1] == "more"
+        and made.lower[-1] == -3.0
+        and made.upper[-1] == 7.0
+        and made.scale[-1] == 1.0
+    )
     assert g[-1, 0] == pytest.approx(true[0] * true[4])
     assert_allclose(jacobian[-1], [true[4] * scale[0], 0.0, 0.0, 0.0, true[0] * scale[4]])
     steep = 10 * guess[4] * scale[4]
@@ -241,10 +298,14 @@ def test_costs_and_rows_outside_of_blocks() -> None:
     assert float(cost[0, 0]) == pytest.approx((inner + 5 * true[4] ** 2) / steep)
     assert gradient[4, 0] == pytest.approx(10 * true[4] * scale[4] / steep)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", 4)
-    curves = np.array(ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(x, 1.0, [0, 0, 0, 2.0]))
-    assert curves[4, 4] == pytest.approx(10 * scale[4] ** 2 / steep) and curves[0, 4] == pytest.approx(
-        2 * scale[0] * scale[4]
+    curves = np.array(
+        ca.Function("h", [made.x, lam_f, lam_g], [made.hessian(lam_f, lam_g)])(
+            x, 1.0, [0, 0, 0, 2.0]
+        )
     )
+    assert curves[4, 4] == pytest.approx(10 * scale[4] ** 2 / steep) and curves[
+        0, 4
+    ] == pytest.approx(2 * scale[0] * scale[4])
 
 
 def test_costs_and_rows_of_the_nodes_are_functions_of_the_unknowns() -> None:
@@ -261,7 +322,9 @@ def test_costs_and_rows_of_the_nodes_are_functions_of_the_unknowns() -> None:
     states = [rng.standard_normal((p.mesh.N + 1, 2 * p.mesh.n)) for p in problem.phases]
     inner = [rng.standard_normal((p.mesh.N, p.mesh.s, p.mesh.n)) for p in problem.phases]
     tau = [rng.standard_normal((p.mesh.N, p.mesh.s, 2)) for p in problem.phases]
-    packed = [p.mesh.pack(a, b, c) for p, a, b, c in zip(problem.phases, states, inner, tau, strict=True)]
+    packed = [
+        p.mesh.pack(a, b, c) for p, a, b, c in zip(problem.phases, states, inner, tau, strict=True)
+    ]
     x = np.concatenate([*packed, T])
     nodal = [item for phase in problem.phases for item in phase.content.nodal]
     general, (low, high, names) = general_part(layout, nodal)
@@ -279,7 +342,9 @@ def test_what_is_not_finite_is_named() -> None:
     x = ca.MX.sym("x", 2)
 
     def made(cost: Any, row: Any) -> Any:
-        return SimpleNamespace(x=x, cost=cost, gradient=ca.gradient(cost, x), g=ca.vertcat(x[0], row), names=["a", "b"])
+        return SimpleNamespace(
+            x=x, cost=cost, gradient=ca.gradient(cost, x), g=ca.vertcat(x[0], row), names=["a", "b"]
+        )
 
     good = ca.sumsqr(x)
     check_finite(made(good, x[1]), np.array([1.0, 2.0]))
@@ -289,7 +354,8 @@ def test_what_is_not_finite_is_named() -> None:
         (ca.sqrt(x[0] + 1), x[1], "cost"),
     ):
         with pytest.raises(
-            ArgumentError, match=rf"^plan: '{name}' is NaN or infinite where the search starts, expected"
+            ArgumentError,
+            match=rf"^plan: '{name}' is NaN or infinite where the search starts, expected",
         ):
             check_finite(made(cost, row), np.array([-1.0, 2.0]))
 
@@ -317,7 +383,8 @@ def test_the_worst_row_is_named_with_its_time() -> None:
     words = "all constraints hold, the cost is not at its minimum; raise max_iterations or change the guess"
     assert text(1.0, 0.0, 0.0) == text(1.0 + 1e-10, 0.0, 0.0) == words
     with pytest.raises(
-        SolverError, match=r"^plan: IPOPT ended with 'stuck' and numbers that are not finite; the larges"
+        SolverError,
+        match=r"^plan: IPOPT ended with 'stuck' and numbers that are not finite; the larges",
     ):
         result.make_solution(
             None,

@@ -22,11 +22,18 @@ class Motion:
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, ...]:
         y = np.stack([t**2, 3 * t], axis=1)
-        return y, np.stack([2 * t, 3 + 0 * t], axis=1), np.stack([2 + 0 * t, 0 * t], axis=1), t[:, None]
+        return (
+            y,
+            np.stack([2 * t, 3 + 0 * t], axis=1),
+            np.stack([2 + 0 * t, 0 * t], axis=1),
+            t[:, None],
+        )
 
 
 def layout_of(*durations: float) -> Any:
-    mesh = Made(nodes=np.array([0.0, 0.5, 1.0]), times=np.array([0.25, 0.75]), pack=lambda *parts: parts)
+    mesh = Made(
+        nodes=np.array([0.0, 0.5, 1.0]), times=np.array([0.25, 0.75]), pack=lambda *parts: parts
+    )
     return Made(phases=[Made(mesh=mesh, given_duration=T) for T in durations])
 
 
@@ -57,7 +64,10 @@ def test_a_guess_is_spread_over_the_phases(free: bool, asked: list[str]) -> None
         return np.full(2, float(len(packed)))
 
     def law(t: np.ndarray, order: int) -> np.ndarray:
-        return 5 * np.stack([np.minimum(t, 4.0) ** 2 / 16, t / 8, 1 / 8 + 0 * t], axis=1)[:, : order + 1]
+        return (
+            5
+            * np.stack([np.minimum(t, 4.0) ** 2 / 16, t / 8, 1 / 8 + 0 * t], axis=1)[:, : order + 1]
+        )
 
     path: Any = Made(equations=None, duration=4.0, segments=[Made(law=law)])
     ends, layout = (np.zeros(2), np.zeros(2)), layout_of(1.0, 3.0)
@@ -91,9 +101,14 @@ def test_guesses_by_name(asked: list[str]) -> None:
     for wrong in ("best", 3.0, True):
         with pytest.raises(ArgumentError) as refused:
             start_of(layout, path, ends, wrong, [], free=False)
-        assert str(refused.value) == f"guess: given {wrong!r}, expected 'rest', 'lq', a Solution or a Trajectory"
+        assert (
+            str(refused.value)
+            == f"guess: given {wrong!r}, expected 'rest', 'lq', a Solution or a Trajectory"
+        )
     layout.phases[0].mesh.pack = lambda *parts: np.array([np.nan])
-    with pytest.raises(ArgumentError, match="given a motion that is not finite, expected finite numbers"):
+    with pytest.raises(
+        ArgumentError, match="given a motion that is not finite, expected finite numbers"
+    ):
         start_of(layout, path, ends, "rest", [], free=False)
 
 
@@ -101,7 +116,9 @@ def test_constraints_hold_at_rest() -> None:
     """By a millionth of their size; those of other signals than coordinates and speeds are not known there."""
     y, dy, tau = ca.SX.sym("y", 2), ca.SX.sym("dy", 2), ca.SX.sym("tau")
 
-    def check(value: ca.SX, low: float, high: float, band: bool = False, where: str = "end") -> None:
+    def check(
+        value: ca.SX, low: float, high: float, band: bool = False, where: str = "end"
+    ) -> None:
         row = Made(name="mine", value=value, lower=np.array([low]), upper=np.array([high]))
         rows: dict[str, list[Any]] = {"path": [], "start": [], "end": []}
         if not band:
@@ -123,4 +140,6 @@ def test_constraints_hold_at_rest() -> None:
     assert str(refused.value) == f"plan: 'bound of mine' is violated by 0.5 {words}"
     with pytest.raises(ArgumentError) as unknown:
         check(1 / dy[0], 0.0, 1.0)
-    assert str(unknown.value) == "plan: 'mine' is NaN or infinite at the end, expected a finite number"
+    assert (
+        str(unknown.value) == "plan: 'mine' is NaN or infinite at the end, expected a finite number"
+    )

@@ -32,7 +32,10 @@ def test_a_guess_between_equilibria_begins_and_ends_there() -> None:
     """Rates by differences; torques of the rigid robot; the motors' sag fades from one end to the other."""
     equations = flexgen.derive("elbow")
     model = equations.model
-    ends = guesses.rest_at(equations, np.array([0.1, 0.4])), guesses.rest_at(equations, np.array([0.7, -0.2]))
+    ends = (
+        guesses.rest_at(equations, np.array([0.1, 0.4])),
+        guesses.rest_at(equations, np.array([0.7, -0.2])),
+    )
     made = guesses.between(equations, ends, 0.8, None)
     assert made.duration == 0.8
     t, e = np.linspace(0.0, 0.8, 5), 1e-5  # knots of the splines
@@ -48,15 +51,21 @@ def test_a_guess_between_equilibria_begins_and_ends_there() -> None:
     assert_allclose(ddy[:, 2:], ddy[:, :2] @ model.eta.T, atol=1e-9)
     share = (t / 0.8)[:, None]
     sag = [end[2:] - model.eta @ end[:2] for end in ends]
-    assert_allclose(y[:, 2:] - y[:, :2] @ model.eta.T, (1 - share) * sag[0] + share * sag[1], atol=1e-9)
+    assert_allclose(
+        y[:, 2:] - y[:, :2] @ model.eta.T, (1 - share) * sag[0] + share * sag[1], atol=1e-9
+    )
     for k in range(5):
-        needed = np.array(equations.function("inverse_dynamics")(y[k, :2], dy[k, :2], ddy[k, :2])).ravel()
+        needed = np.array(
+            equations.function("inverse_dynamics")(y[k, :2], dy[k, :2], ddy[k, :2])
+        ).ravel()
         rotor = np.array([m.inertia for m in model.motors]) * (model.eta @ ddy[k, :2])
         assert_allclose(tau[k], np.linalg.inv(model.eta).T @ needed + rotor, rtol=1e-3, atol=1e-3)
     assert_allclose(made.at(np.array([-1.0, 9.0]))[0], ends, atol=1e-9)
     path = Path(equations, model.moves[0])
     rests = guesses.ends_of(equations, path)
-    along = guesses.between(equations, rests, 2 * path.duration, path).at(np.array([path.duration]))[0]
+    along = guesses.between(equations, rests, 2 * path.duration, path).at(
+        np.array([path.duration])
+    )[0]
     tool = np.array(equations.function("output")(along[0, :2])).ravel()
     assert_allclose(tool, path.sample(np.array([path.duration / 2])).y[0, :, 0], atol=1e-3)
 
@@ -83,7 +92,9 @@ def test_the_polynomial_of_a_path_goes_through_its_samples() -> None:
     path = Path(equations, equations.model.moves[0])
     by_length, length = reference_curve.path_by_parameter(path)
     ends = path.sample(np.array([0.0, path.duration])).y[:, :, 0]
-    assert length == pytest.approx(np.linalg.norm(ends[1] - ends[0])) and by_length.duration == length
+    assert (
+        length == pytest.approx(np.linalg.norm(ends[1] - ends[0])) and by_length.duration == length
+    )
     t = np.linspace(0.0, path.duration, 9)
     s = path.segments[0].law(t, 0)[:, 0] / length
     wanted = path.sample(t).y[:, :, 0]
@@ -113,7 +124,9 @@ def test_a_path_with_corners_is_for_several_phases() -> None:
         "move corner: its curve is not a smooth function of the path parameter, expected"
     )
     round_off = Made(move=Made(name="arc"), duration=1.0, segments=(Part(TimeLaw(1.0, 5)),))
-    round_off.sample = lambda s: Made(y=np.stack([np.cos(2 * s), np.sin(2 * s)], axis=1)[:, :, None], R=None)
+    round_off.sample = lambda s: Made(
+        y=np.stack([np.cos(2 * s), np.sin(2 * s)], axis=1)[:, :, None], R=None
+    )
     x = ca.SX.sym("s")
     made = ca.Function("arc", [x], [reference_curve.curve(round_off, x)])
     s = np.linspace(0.0, 1.0, 7)

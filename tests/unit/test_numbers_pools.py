@@ -89,19 +89,36 @@ def test_a_pool_solves_all_shards_and_takes_more_as_they_end(pool: type[Pool]) -
 def test_a_case_that_kills_its_process_becomes_a_row(pool: type[Pool]) -> None:
     """Shards of the broken pool are solved again, each alone, halved until the case is found; nothing is lost."""
     pool.deadly = frozenset({7})
-    shards = [shard(0, 0, 1), shard(1, 2, 3, 4), shard(2, 5, 6, 7, 8), shard(3, 9), shard(4, 10, 11)]
+    shards = [
+        shard(0, 0, 1),
+        shard(1, 2, 3, 4),
+        shard(2, 5, 6, 7, 8),
+        shard(3, 9),
+        shard(4, 10, 11),
+    ]
     found = {part.number: rows for part, rows in executors.in_pool(shards, 1, solved)}
     assert sorted(found) == [0, 1, 2, 3, 4]
     cases = {row["case"]: row for rows in found.values() for row in rows.results}
-    assert sorted(cases) == list(range(12)) and [row["case"] for row in found[2].results] == [5, 6, 7, 8]
-    assert [row["case"] for row in found[2].times] == [5, 6, 7, 8] and found[2].times[2] == {"case": 7}
+    assert sorted(cases) == list(range(12)) and [row["case"] for row in found[2].results] == [
+        5,
+        6,
+        7,
+        8,
+    ]
+    assert [row["case"] for row in found[2].times] == [5, 6, 7, 8] and found[2].times[2] == {
+        "case": 7
+    }
     died = cases.pop(7)
     reason = "the process that solved this case died: out of memory, or a fault in a library"
     heading = {"case": 7, "model": "arm", "parameters": "", "move": "line", "method": "lq"}
     assert died == heading | {"status": "failed", "error": reason}
     assert all(row["status"] == "solved" for row in cases.values())
     assert executors._run_isolated(shard(9, 7), solved).results == [died]
-    assert [row["case"] for row in executors._run_isolated(shard(9, 6, 7, 8), solved).results] == [6, 7, 8]
+    assert [row["case"] for row in executors._run_isolated(shard(9, 6, 7, 8), solved).results] == [
+        6,
+        7,
+        8,
+    ]
 
 
 def test_a_pool_that_does_not_start_names_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,7 +141,10 @@ def test_a_pool_that_does_not_start_names_the_reason(monkeypatch: pytest.MonkeyP
     made = executors._Pool(3)
     with pytest.raises(BrokenProcessPool):
         made.submit(solved, shard(0, 1)).result()
-    with pytest.raises(SolverError, match=r"^sweep: given worker processes that end at start, expected a script that "):
+    with pytest.raises(
+        SolverError,
+        match=r"^sweep: given worker processes that end at start, expected a script that ",
+    ):
         made.__enter__()
     made.__exit__(None)
     assert Broken.calls == [{}]
@@ -188,14 +208,19 @@ def test_proposed_poses_are_those_of_the_largest_determinants() -> None:
     slopes = []
     for k in range(len(found.x)):
         more, less = (
-            statics.rest(Numbers.of(tree, found.unknowns, found.x + s * h * (np.arange(len(found.x)) == k))).measured
+            statics.rest(
+                Numbers.of(tree, found.unknowns, found.x + s * h * (np.arange(len(found.x)) == k))
+            ).measured
             for s in (1.0, -1.0)
         )
         slopes.append((more - less).reshape(15, -1) / (2 * h))
     J = np.stack(slopes, axis=2) / 2e-4
     information, expected = np.linalg.inv(found.covariance), []
     for _ in range(3):
-        gains = [np.linalg.slogdet(information + j.T @ j)[1] if k not in expected else -np.inf for k, j in enumerate(J)]
+        gains = [
+            np.linalg.slogdet(information + j.T @ j)[1] if k not in expected else -np.inf
+            for k, j in enumerate(J)
+        ]
         expected.append(int(np.argmax(gains)))
         information = information + J[expected[-1]].T @ J[expected[-1]]
     assert_allclose(chosen, candidates[expected])
@@ -203,10 +228,18 @@ def test_proposed_poses_are_those_of_the_largest_determinants() -> None:
     drawn = found.propose_poses(2)
     assert drawn.shape == (2, 2) and np.array_equal(found.covariance, before)
     low, high = found.poses.commands.min(axis=0), found.poses.commands.max(axis=0)
-    assert (drawn >= low).all() and (drawn <= high).all() and not np.array_equal(drawn, found.propose_poses(2, seed=3))
-    with pytest.raises(ArgumentError, match=r"^candidates: given shape \(15, 1\), expected \(m, 2\)$"):
+    assert (
+        (drawn >= low).all()
+        and (drawn <= high).all()
+        and not np.array_equal(drawn, found.propose_poses(2, seed=3))
+    )
+    with pytest.raises(
+        ArgumentError, match=r"^candidates: given shape \(15, 1\), expected \(m, 2\)$"
+    ):
         found.propose_poses(1, candidates[:, :1])
-    with pytest.raises(ArgumentError, match=r"^count: given 16, expected 1 to 15, the number of candidates$"):
+    with pytest.raises(
+        ArgumentError, match=r"^count: given 16, expected 1 to 15, the number of candidates$"
+    ):
         found.propose_poses(16, candidates)
     assert len(found.propose_poses(15, candidates)) == 15
 
@@ -226,12 +259,18 @@ def test_numbers_and_words_of_a_calibration(tmp_path: Path) -> None:
     assert_allclose(list(found.sd.values()), sd)
     determined = [s < 0.3 * u.sd for s, u in zip(sd, found.unknowns, strict=True)]
     assert list(found.determined.values()) == determined
-    with pytest.raises(ArgumentError, match=r"^world: given 'none', expected 'robot' or 'measurement'$"):
+    with pytest.raises(
+        ArgumentError, match=r"^world: given 'none', expected 'robot' or 'measurement'$"
+    ):
         found.write(tmp_path / "a.toml", "none")
-    with pytest.raises(ArgumentError, match=r"^path: given '.*a\.json', expected a name that ends in \.toml$"):
+    with pytest.raises(
+        ArgumentError, match=r"^path: given '.*a\.json', expected a name that ends in \.toml$"
+    ):
         found.write(tmp_path / "a.json")
     written = found.write(tmp_path / "a.toml")
     variant = tomllib.loads(written.read_text())["variant"]["calibrated"]
-    assert variant["set"] == found.changes and variant["description"] == f"poses.csv: {found.sentence}"
+    assert (
+        variant["set"] == found.changes and variant["description"] == f"poses.csv: {found.sentence}"
+    )
     moved = found.write(tmp_path / "b.toml", "measurement")
     assert tomllib.loads(moved.read_text())["variant"]["calibrated"]["set"] != variant["set"]

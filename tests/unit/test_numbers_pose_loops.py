@@ -53,14 +53,19 @@ def test_an_impedance_has_the_stiffness_and_damping_of_its_springs() -> None:
         S = vectors @ np.diag(np.sqrt(values)) @ vectors.T
         inner, turn = np.linalg.eigh(np.linalg.inv(S) @ stiffness @ np.linalg.inv(S))
         assert_allclose(damping, S @ turn @ np.diag(np.sqrt(inner)) @ turn.T @ S, rtol=1e-5)
-    K, _ = Impedance(tool_stiffness=(3e4, 2e4, 1e4), damping=(1.0, 2.0, 3.0))._of_motors(model, motion)
+    K, _ = Impedance(tool_stiffness=(3e4, 2e4, 1e4), damping=(1.0, 2.0, 3.0))._of_motors(
+        model, motion
+    )
     for k, q in enumerate(motion[0]):
         J = np.array(equations.function("jacobian")(q))[:3] @ inverse
         assert_allclose(K[k], J.T @ np.diag([3e4, 2e4, 1e4]) @ J, rtol=1e-9, atol=1e-9)
-    with pytest.raises(ArgumentError, match=r"^controller, joint_stiffness: given 3 numbers, expected 2$"):
+    with pytest.raises(
+        ArgumentError, match=r"^controller, joint_stiffness: given 3 numbers, expected 2$"
+    ):
         Impedance(joint_stiffness=(1.0, 1.0, 1.0))._of_motors(model, motion)
     with pytest.raises(
-        ArgumentError, match=r"^controller, joint_stiffness: given \(1\.0, 0\.0\), which leaves a motion"
+        ArgumentError,
+        match=r"^controller, joint_stiffness: given \(1\.0, 0\.0\), which leaves a motion",
     ):
         Impedance(joint_stiffness=(1.0, 0.0))._of_motors(model, motion)
 
@@ -92,7 +97,9 @@ def test_an_impedance_is_refused_where_its_loop_grows() -> None:
         Impedance(frequency_hz=1.01 * high, damping_ratio=0.7).linear(model, H, DELAY, motion)
     size = f"{largest(1.01 * high):.6g}"
     words = f"with which the sampled loop is unstable at 1 ms and a delay of 1.4 ms (largest eigenvalue {size})"
-    assert str(caught.value).startswith("controller, frequency_hz: given ") and words in str(caught.value)
+    assert str(caught.value).startswith("controller, frequency_hz: given ") and words in str(
+        caught.value
+    )
 
 
 @pytest.mark.parametrize("differences", [False, True])
@@ -127,14 +134,25 @@ def test_a_loop_is_checked_at_seven_poses(monkeypatch: pytest.MonkeyPatch) -> No
     """The worst one is named; a little above one is refused."""
     model = flexgen.read("elbow")
     time = 0.5 + 0.1 * np.arange(21)
-    reference = SimpleNamespace(begin=0.7, end=1.9, time=time, points=lambda at: (np.array([[float(at[0]), 0.0]]), at))
-    motion: Any = SimpleNamespace(reference=reference, model=model, sample_s=2e-3, delay_s=1e-3, exact_state=False)
-    monkeypatch.setattr(stability, "PoseModels", lambda model: SimpleNamespace(at=lambda points: int(points[1][0])))
+    reference = SimpleNamespace(
+        begin=0.7, end=1.9, time=time, points=lambda at: (np.array([[float(at[0]), 0.0]]), at)
+    )
+    motion: Any = SimpleNamespace(
+        reference=reference, model=model, sample_s=2e-3, delay_s=1e-3, exact_state=False
+    )
+    monkeypatch.setattr(
+        stability, "PoseModels", lambda model: SimpleNamespace(at=lambda points: int(points[1][0]))
+    )
     asked: list[Any] = []
     sizes: dict[int, float] = {}
 
     def eigenvalue(
-        pose: int, of_angles: Any, of_speeds: Any, sample_s: float, delay_s: float, differences: bool
+        pose: int,
+        of_angles: Any,
+        of_speeds: Any,
+        sample_s: float,
+        delay_s: float,
+        differences: bool,
     ) -> float:
         asked.append((pose, float(of_angles[0, 0]), sample_s, delay_s, differences))
         return sizes.get(pose, 0.9)
@@ -147,7 +165,13 @@ def test_a_loop_is_checked_at_seven_poses(monkeypatch: pytest.MonkeyPatch) -> No
         return gain, gain
 
     stability.check_pose_loop(motion, feedback, "k: given 1")
-    assert [x[0] for x in asked] == [2, 4, 6, 8, 10, 12, 14] and asked[1] == (4, 4.0, 2e-3, 1e-3, True)
+    assert [x[0] for x in asked] == [2, 4, 6, 8, 10, 12, 14] and asked[1] == (
+        4,
+        4.0,
+        2e-3,
+        1e-3,
+        True,
+    )
     sizes[10] = 1.0 + 1e-10
     stability.check_pose_loop(motion, feedback, "k: given 1")
     sizes[10], sizes[8] = 1.25, 1.01
@@ -171,11 +195,13 @@ def test_gains_of_motors_are_rows_of_numbers() -> None:
     assert motor_laws._vector([-1.0, 0.0], "k", 2, signed=True).tolist() == [-1.0, 0.0]
     for wrong in (np.ones((1, 2)), [0.0, 1.0], [1.0, -1.0], "ab", 3.0, [1.0, np.nan]):
         with pytest.raises(
-            ArgumentError, match=r"^controller, k_p: given .*, expected numbers > 0, one for each motor$"
+            ArgumentError,
+            match=r"^controller, k_p: given .*, expected numbers > 0, one for each motor$",
         ):
             motor_laws._check_vector(wrong, "k_p")
     with pytest.raises(
-        ArgumentError, match=r"^controller, k_p: given \[1\.0\], expected 2 numbers > 0, one for each mot"
+        ArgumentError,
+        match=r"^controller, k_p: given \[1\.0\], expected 2 numbers > 0, one for each mot",
     ):
         motor_laws._vector([1.0], "k_p", 2)
     motor_laws._check_vector(None, "k_p")

@@ -29,7 +29,9 @@ def read(folder: Path, text: str, model: flexgen.RobotModel) -> StaticPoses:
     return StaticPoses.read(file, model)
 
 
-def test_columns_of_a_file_have_units_and_any_order(tmp_path: Path, model: flexgen.RobotModel) -> None:
+def test_columns_of_a_file_have_units_and_any_order(
+    tmp_path: Path, model: flexgen.RobotModel
+) -> None:
     """Degrees and millimeters; an empty line is none, an empty cell of a tracker was not seen."""
     text = "\ufeff" + "\n".join([HEAD, LINE, " ,, ,,,,,,", ", -90 ,-0.5,,,,7, 8 ,-9"]) + "\n"
     found = read(tmp_path, text, model)
@@ -47,17 +49,25 @@ def test_columns_of_a_file_have_units_and_any_order(tmp_path: Path, model: flexg
         (f"\n{HEAD}\n\n", ": given a line of names only, expected a line for each pose"),
         (HEAD.replace("q2_deg", "q2"), ":1: given no column of q2, expected one, q2_rad or q2_deg"),
         (f"{HEAD},q2_rad", ":1: given two columns of q2, expected one, q2_rad or q2_deg"),
-        (HEAD.replace("b_z_mm", "b_z_deg"), ":1: given no column of b_z, expected one, b_z_m or b_z_mm"),
+        (
+            HEAD.replace("b_z_mm", "b_z_deg"),
+            ":1: given no column of b_z, expected one, b_z_m or b_z_mm",
+        ),
         (f"{HEAD}\n\n{LINE},1", ":3: given 10 cells, expected 9, as line 1"),
         (f"{HEAD}\n{LINE[:-2]}", ":2: given 8 cells, expected 9, as line 1"),
         (f"{HEAD}\n{LINE.replace('0.25', '')}", ":2: q1_rad: given '', expected a number"),
         (f"{HEAD}\n{LINE.replace('0.25', 'nan')}", ":2: q1_rad: given 'nan', expected a number"),
         (f"{HEAD}\n{LINE.replace('180', '1e6')}", ":2: q2_deg: given '1e6', expected a number"),
         (f"{HEAD}\n{LINE.replace('6', 'inf')}", ":2: b_z_mm: given 'inf', expected a number"),
-        (f"{HEAD}\n{LINE.replace('6', 50 * 'x')}", f":2: b_z_mm: given '{40 * 'x'}', expected a number"),
+        (
+            f"{HEAD}\n{LINE.replace('6', 50 * 'x')}",
+            f":2: b_z_mm: given '{40 * 'x'}', expected a number",
+        ),
     ],
 )
-def test_files_of_poses_that_are_refused(tmp_path: Path, model: flexgen.RobotModel, text: str, said: str) -> None:
+def test_files_of_poses_that_are_refused(
+    tmp_path: Path, model: flexgen.RobotModel, text: str, said: str
+) -> None:
     with pytest.raises(ArgumentError) as refused:
         read(tmp_path, text, model)
     assert str(refused.value) == f"{tmp_path / 'poses.csv'}{said}"
@@ -84,7 +94,9 @@ def test_arrays_of_poses_that_are_refused() -> None:
     for a, b in ((q[0], p), (q, p[0]), (q, p[:, :, :2]), (q[:1], p)):
         with pytest.raises(ArgumentError) as refused:
             StaticPoses(a, b)
-        assert str(refused.value) == f"poses: given arrays of shapes {a.shape} and {b.shape}, {shapes}"
+        assert (
+            str(refused.value) == f"poses: given arrays of shapes {a.shape} and {b.shape}, {shapes}"
+        )
     said = "poses: given commands or positions that are not finite; nan marks a position not seen"
     for a, b in ((q + np.nan, p), (q - np.inf, p), (q, np.full((2, 1, 3), -np.inf))):
         with pytest.raises(ArgumentError) as refused:

@@ -15,7 +15,13 @@ from scipy.integrate import quad
 from flexgen.cuda import functions
 from flexgen.equations_text.elements import Symbols, friction_law, spring_law
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.model.elements import BacklashSpring, CubicSpring, LinearSpring, PiecewiseSpring, SmoothSpring
+from flexgen.model.elements import (
+    BacklashSpring,
+    CubicSpring,
+    LinearSpring,
+    PiecewiseSpring,
+    SmoothSpring,
+)
 from flexgen.model.friction import Friction
 
 DEFLECTIONS = np.array([-0.9, -0.3, -0.2, -0.05, 0.0, 0.1, 0.2, 0.25, 0.8])
@@ -31,7 +37,11 @@ def values_of(expression: sp.Expr, symbols: Symbols, x: sp.Symbol, at: np.ndarra
     ("spring", "stiffness", "told"),
     [
         (LinearSpring(50.0), lambda d: 50.0, ["stiffness of q1"]),
-        (CubicSpring(50.0, 30.0), lambda d: 50.0 + 90.0 * d**2, ["cubic stiffness of q1", "stiffness of q1"]),
+        (
+            CubicSpring(50.0, 30.0),
+            lambda d: 50.0 + 90.0 * d**2,
+            ["cubic stiffness of q1", "stiffness of q1"],
+        ),
         (
             SmoothSpring(20.0, 80.0, 0.2),
             lambda d: 20.0 + 60.0 * min(d / 0.2, 1.0) ** 2,
@@ -44,19 +54,36 @@ def values_of(expression: sp.Expr, symbols: Symbols, x: sp.Symbol, at: np.ndarra
         ),
         (
             BacklashSpring(50.0, 0.1, 0.02),
-            lambda d: 50.0 * (1 - 0.5 * ((d + 0.1) / np.hypot(d + 0.1, 0.02) - (d - 0.1) / np.hypot(d - 0.1, 0.02))),
+            lambda d: (
+                50.0
+                * (
+                    1
+                    - 0.5
+                    * ((d + 0.1) / np.hypot(d + 0.1, 0.02) - (d - 0.1) / np.hypot(d - 0.1, 0.02))
+                )
+            ),
             ["half backlash of q1", "rounding of the backlash of q1", "stiffness of q1"],
         ),
     ],
 )
-def test_printed_torques_of_springs_are_integrals_of_their_stiffness(spring: Any, stiffness: Any, told: Any) -> None:
+def test_printed_torques_of_springs_are_integrals_of_their_stiffness(
+    spring: Any, stiffness: Any, told: Any
+) -> None:
     """Odd in the deflection, without a jump where the stiffness changes."""
     symbols, d = Symbols(), sp.Symbol("d", real=True)
     found = values_of(spring_law(symbols, spring, d, "q1", ("N m", "rad")), symbols, d, DEFLECTIONS)
-    expected = [np.sign(x) * quad(stiffness, 0.0, abs(x), points=[0.1, 0.2])[0] for x in DEFLECTIONS]
+    expected = [
+        np.sign(x) * quad(stiffness, 0.0, abs(x), points=[0.1, 0.2])[0] for x in DEFLECTIONS
+    ]
     assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
     assert [entry.meaning for entry in symbols.entries] == told
-    units = {"stiffness": "N m/rad", "cubic": "N m/rad^3", "half": "rad", "rounding": "rad", "break": "rad"}
+    units = {
+        "stiffness": "N m/rad",
+        "cubic": "N m/rad^3",
+        "half": "rad",
+        "rounding": "rad",
+        "break": "rad",
+    }
     for entry in symbols.entries:
         first = entry.meaning.split()[0]
         assert entry.unit == units.get(first, "N m/rad"), entry.meaning
@@ -75,7 +102,9 @@ def test_printed_frictions_have_the_parts_that_are_not_zero() -> None:
         law, symbols = Friction(**given), Symbols()
         found = values_of(friction_law(symbols, law, w, "m1", ("N m", "rad")), symbols, w, at)
         level = law.coulomb + law.stribeck / np.cosh(law.alpha * at)
-        assert_allclose(found, law.viscous * at + law.offset + level * np.tanh(law.beta * at), atol=1e-12)
+        assert_allclose(
+            found, law.viscous * at + law.offset + level * np.tanh(law.beta * at), atol=1e-12
+        )
         assert len(symbols.entries) == count
 
 
@@ -112,10 +141,20 @@ class Card:
 
 
 def function(card: Card, per_point: bool = False) -> Any:
-    ports = Made(inputs=(Port("q_a", 2), Port("parameters", 3)), outputs=(Port("M", 2, 2), Port("g", 2)))
-    cpu: Any = Made(name="f", summary="", equation="", _failures={-5: (SolverError, "no answer")}, _parameters=None)
+    ports = Made(
+        inputs=(Port("q_a", 2), Port("parameters", 3)), outputs=(Port("M", 2, 2), Port("g", 2))
+    )
+    cpu: Any = Made(
+        name="f",
+        summary="",
+        equation="",
+        _failures={-5: (SolverError, "no answer")},
+        _parameters=None,
+    )
     cpu.inputs, cpu.outputs = ports.inputs, ports.outputs
-    return functions.CudaFunction(cpu, card, np.dtype(np.float64), lambda name: f"kernel {name}", per_point)  # type: ignore[arg-type]
+    return functions.CudaFunction(
+        cpu, card, np.dtype(np.float64), lambda name: f"kernel {name}", per_point
+    )  # type: ignore[arg-type]
 
 
 def test_a_kernel_runs_on_its_points_and_reports_the_first_that_failed() -> None:
@@ -157,7 +196,8 @@ def test_results_on_a_card_have_memory_of_their_own() -> None:
             made._refuse_overlap(5, addresses)
             continue
         with pytest.raises(
-            ArgumentError, match=f"f, out, {name}: given memory of another array, expected memory of it"
+            ArgumentError,
+            match=f"f, out, {name}: given memory of another array, expected memory of it",
         ):
             made._refuse_overlap(5, addresses)
     with pytest.raises(ArgumentError, match="f, out, M"):
@@ -181,6 +221,8 @@ def test_points_of_arrays_on_a_card_are_counted() -> None:
     made = function(Card())
     assert made._outs(None) == [None, None] and made._outs(("a", "b")) == ("a", "b")
     for out, count in ((("a",), 1), ("a", 1), (("a", "b", "c"), 3)):
-        with pytest.raises(ArgumentError, match=f"f, out: given {count} arrays, expected one for each of M, g"):
+        with pytest.raises(
+            ArgumentError, match=f"f, out: given {count} arrays, expected one for each of M, g"
+        ):
             made._outs(out)
     assert repr(made) == "f(q_a, parameters)"

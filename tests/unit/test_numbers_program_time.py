@@ -36,10 +36,14 @@ def motion(T: float, torque: list[float], before: int = 7, after: int = 4) -> An
 def test_effective_torques_are_integrals_over_all_motions_and_pauses() -> None:
     """Torques are straight lines in a pause; what is inverted before and after a path is none of it."""
     model = flexgen.read("elbow")
-    made = search(model=model, connecting=Limits(torque_rms=(2.0, np.inf)), pauses=[0.5, 0.0], legs=[])
+    made = search(
+        model=model, connecting=Limits(torque_rms=(2.0, np.inf)), pauses=[0.5, 0.0], legs=[]
+    )
     x = [np.array([1.5, 0.4]), np.array([0.8, 0.2]), np.array([0.7, 0.3])]
     a, b, c = 3.0, -1.0, 2.0
-    found = made._effective(x, [motion(1.5, [a, 9.0]), motion(0.8, [b, 9.0]), motion(0.7, [c, 9.0], 0, 1)])
+    found = made._effective(
+        x, [motion(1.5, [a, 9.0]), motion(0.8, [b, 9.0]), motion(0.7, [c, 9.0], 0, 1)]
+    )
     square = (a**2 * 1.5 + 0.5 * (a**2 + a * b + b**2) / 3 + b**2 * 0.8 + c**2 * 0.7) / 3.5
     assert found.shape == (1,) and found[0] == pytest.approx(np.sqrt(square) / 2.0, rel=2e-3)
     assert made.duration(x) == 3.5
@@ -73,14 +77,25 @@ def test_a_program_is_checked_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> Non
     t = np.arange(0.0, 4.01, 0.01)
     parts = np.where(t < 1.4, 0.5, 1.2)[:, None] * np.where(t < 2.0, 1.0, -1.1)[:, None]
     one = LimitRow("torque", ("N m",), ("m1",), parts, parts, np.ones((401, 1)))
-    whole = LimitRow("effective torque", ("N m",), ("m1",), np.array([[1.04]]), np.ones((1, 1)), np.ones((1, 1)))
+    whole = LimitRow(
+        "effective torque", ("N m",), ("m1",), np.array([[1.04]]), np.ones((1, 1)), np.ones((1, 1))
+    )
 
     def invert(timed: Any, period: float, mesh: float, force: Any) -> Any:
         asked.append((timed, period, mesh, force))
         return Made(t=t), "tool"
 
-    def rows(model: Any, limits: Any, channel: Any, time: np.ndarray, tool: Any = None, end: float = np.inf) -> Any:
-        assert time is t and (tool, end) == (("tool", np.inf) if limits == "single" else (None, 3.3))
+    def rows(
+        model: Any,
+        limits: Any,
+        channel: Any,
+        time: np.ndarray,
+        tool: Any = None,
+        end: float = np.inf,
+    ) -> Any:
+        assert time is t and (tool, end) == (
+            ("tool", np.inf) if limits == "single" else (None, 3.3)
+        )
         return [one] if limits == "single" else [whole]
 
     monkeypatch.setattr(program_time, "limit_rows", rows)
@@ -95,7 +110,8 @@ def test_a_program_is_checked_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> Non
     found = made._excesses([np.array([1.0]), np.array([2.0])])
     assert_allclose(found, [0.04, -0.1, 0.32])
     (timed, period, mesh, force) = asked[0]
-    assert timed.duration == 3.3 and period == pytest.approx(3.3 / 99) and force is None  # of 1 / 30 s, at most
+    # of 1 / 30 s, at most
+    assert timed.duration == 3.3 and period == pytest.approx(3.3 / 99) and force is None
     assert mesh == pytest.approx(0.2 / 3)
     assert made.excess([np.array([1.0]), np.array([2.0])]) == pytest.approx(0.32)
     speeds[0].parts = lambda law: np.zeros(0)
@@ -105,7 +121,11 @@ def test_a_program_is_checked_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_motions_are_slowed_down_until_the_whole_program_keeps_its_limits() -> None:
     lines: list[str] = []
     made = search(pauses=[1.0], tell=lines.append, connecting=Limits())
-    made._excesses = lambda x: [1.8 / made.duration(x) - 1.0, 0.5 / x[0][0] - 1.0, 0.2 / x[1][0] - 1.0]
+    made._excesses = lambda x: [
+        1.8 / made.duration(x) - 1.0,
+        0.5 / x[0][0] - 1.0,
+        0.2 / x[1][0] - 1.0,
+    ]
     told: list[np.ndarray] = []
 
     def slower(x: list[np.ndarray], excess: np.ndarray) -> list[np.ndarray]:
@@ -124,10 +144,15 @@ def test_motions_are_slowed_down_until_the_whole_program_keeps_its_limits() -> N
     text = "cannot be kept in this program at the speeds that were tried, up to 0.4 s; increase them: it needs 1.5 of a"
     assert str(caught.value) == f"fastest: the limits {text} limit" and len(lines) > 200
     made.slower = lambda x, excess: [1.3 * part for part in x]
-    with pytest.raises(SolverError, match=r"in this program at any speed; .* holding the robot needs 1\.5 of a limit$"):
+    with pytest.raises(
+        SolverError,
+        match=r"in this program at any speed; .* holding the robot needs 1\.5 of a limit$",
+    ):
         made._slow_down([np.array([0.4])])
     made.connecting = Limits(torque_rms=(1.0, 1.0))  # of other time laws the mean may be smaller
-    with pytest.raises(SolverError, match=r"at the speeds that were tried, up to .* it needs 1\.5 of a limit$"):
+    with pytest.raises(
+        SolverError, match=r"at the speeds that were tried, up to .* it needs 1\.5 of a limit$"
+    ):
         made._slow_down([np.array([0.4])])
 
     def lost(x: Any) -> Any:
@@ -141,7 +166,12 @@ def test_motions_are_slowed_down_until_the_whole_program_keeps_its_limits() -> N
 def test_stages_of_the_search_of_a_program() -> None:
     """Each motion alone, then the effective torques where there are limits of them, then the whole program."""
     legs = [
-        Made(quick_start=lambda k=k: k, run=lambda k: (np.array([k]), []), programs=3 + k, inversions=k)
+        Made(
+            quick_start=lambda k=k: k,
+            run=lambda k: (np.array([k]), []),
+            programs=3 + k,
+            inversions=k,
+        )
         for k in (1.0, 2.0)
     ]
     made = search(legs=legs, pauses=[0.5], connecting=Limits())
@@ -159,9 +189,17 @@ def test_a_program_is_searched_again_from_the_laws_as_given() -> None:
     """Where only much time takes an excess away, or none: the shortest of all laws that keep the limits."""
     given = [np.array([5.0]), np.array([6.0])]
     legs = [
-        Made(quick_start=lambda: 0, run=lambda k: (np.array([1.0]), []), programs=0, start=lambda x=x: x) for x in given
+        Made(
+            quick_start=lambda: 0,
+            run=lambda k: (np.array([1.0]), []),
+            programs=0,
+            start=lambda x=x: x,
+        )
+        for x in given
     ]
-    made = search(legs=legs, pauses=[0.5], connecting=Limits(torque_rms=(1.0, 1.0)), tell=lambda line: None)
+    made = search(
+        legs=legs, pauses=[0.5], connecting=Limits(torque_rms=(1.0, 1.0)), tell=lambda line: None
+    )
     made._connect = lambda x: x
     made._state = lambda x: Made(x=x)
     weights: list[float] = []
@@ -171,13 +209,19 @@ def test_a_program_is_searched_again_from_the_laws_as_given() -> None:
         return [0.5 * part for part in state.x]
 
     made._improve = improve
-    slower: dict[float, Any] = {2.5: [np.array([9.0]), np.array([9.0])], 11.5: given, 6.0: [0.6 * x for x in given]}
+    slower: dict[float, Any] = {
+        2.5: [np.array([9.0]), np.array([9.0])],
+        11.5: given,
+        6.0: [0.6 * x for x in given],
+    }
     made._find_slower = lambda x: (slower[made.duration(x)], [(2.5, 0.3)])
     assert made.run()[1] == pytest.approx([2.5, 2.5, 7.1]) and weights == [200.0]
     slower.update({2.5: None, 6.0: None})
     assert made.run()[1] == pytest.approx([2.5, 2.5, 11.5])
     slower.update({11.5: None})
-    with pytest.raises(SolverError, match=r"tried, up to 2\.5 s; increase them: it needs 1\.3 of a limit$"):
+    with pytest.raises(
+        SolverError, match=r"tried, up to 2\.5 s; increase them: it needs 1\.3 of a limit$"
+    ):
         made.run()
 
     def unable(x: Any) -> Any:
@@ -190,7 +234,9 @@ def test_a_program_is_searched_again_from_the_laws_as_given() -> None:
     assert made.run()[1] == pytest.approx([2.5, 11.5])
 
 
-def test_the_path_of_a_program_has_its_motions_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_path_of_a_program_has_its_motions_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(program_time, "replace", lambda segment, law, start: (segment, law, start))
     legs = [Made(law=lambda part, k=k: (k, float(part[0]))) for k in range(3)]
     made = search(legs=legs, pauses=[0.5, 0.25], path=Made(segments=("a", "b", "c")))

@@ -15,8 +15,17 @@ from flexgen.loop.plants import plants_of
 from flexgen.mechanics.equations import derive
 from flexgen.simulation.hysteretic_rate import hysteretic_rate
 
-ELEMENTS = [{"stiffness": 2e5, "lost_motion": 1e-4}, {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0}]
-BRISTLES = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
+ELEMENTS = [
+    {"stiffness": 2e5, "lost_motion": 1e-4},
+    {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0},
+]
+BRISTLES = {
+    "coulomb": 0.5,
+    "static": 0.8,
+    "stribeck_speed": 4.0,
+    "stiffness": 800.0,
+    "damping": 1.5,
+}
 
 
 @pytest.mark.parametrize("bristled", [False, True])
@@ -41,7 +50,9 @@ def test_rates_of_a_loop_are_those_of_the_simulation(bristled: bool) -> None:
     most = np.array([1.0, BRISTLES["static"]])
     z = np.concatenate([share * slip, *([bent * most] if bristled else [])])
     dx, dz, _ = (np.array(y).ravel() for y in function(np.concatenate([q, v]), z, tau))
-    assert_allclose(rate[:8], np.concatenate([dx[:2], dx[4:6], dx[2:4], dx[6:]]), rtol=1e-9, atol=1e-9)
+    assert_allclose(
+        rate[:8], np.concatenate([dx[:2], dx[4:6], dx[2:4], dx[6:]]), rtol=1e-9, atol=1e-9
+    )
     scale = np.concatenate([np.where(slip > 0, slip, 1.0), *([most] if bristled else [])])
     assert_allclose(rate[8:], dz / scale, rtol=1e-9, atol=1e-12)
     assert np.abs(rate[8:]).max() > 1.0 and found.size1_in(0) == len(x)

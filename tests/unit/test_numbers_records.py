@@ -24,7 +24,9 @@ def test_groups_of_runs_have_noise_of_their_own(monkeypatch: pytest.MonkeyPatch)
     class Stop(Exception):
         """The second group has begun."""
 
-    def loop(robot: Any, library: Any, hardware: Any, controller: Any, q_a: Any, *given: Any, **more: Any) -> Any:
+    def loop(
+        robot: Any, library: Any, hardware: Any, controller: Any, q_a: Any, *given: Any, **more: Any
+    ) -> Any:
         made.append((q_a.tolist(), more))
         if len(made) == 3:
             raise Stop
@@ -46,13 +48,23 @@ def test_groups_of_runs_have_noise_of_their_own(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(experiment, "LANES", 2)
     monkeypatch.setattr(experiment, "ClosedLoop", loop)
     given: Any = Made(
-        poses=np.zeros((2, 1)), realizations=1, experiments=3, periods=1, lines=[1], sensors=(), samples=2
+        poses=np.zeros((2, 1)),
+        realizations=1,
+        experiments=3,
+        periods=1,
+        lines=[1],
+        sensors=(),
+        samples=2,
     )
     given.hardware, given.controller, given.transients = None, None, 0
     given.reference = lambda r, e: np.zeros((2, 1))
     with pytest.raises(Stop):
         inspect.unwrap(experiment.measure)(given, None, seed=5)
-    assert [more["seed"] for _, more in made] == [5 * 1_000_003, 5 * 1_000_003 + 2, 5 * 1_000_003 + 4]
+    assert [more["seed"] for _, more in made] == [
+        5 * 1_000_003,
+        5 * 1_000_003 + 2,
+        5 * 1_000_003 + 4,
+    ]
     assert [q_a for q_a, _ in made] == [[[1.0], [1.0]], [[1.0], [2.0]], [[2.0], [2.0]]]
     assert all(more["steps"] == 4 for _, more in made)
 
@@ -74,7 +86,9 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(operating_points, "information", information)
     monkeypatch.setattr(operating_points, "choose", lambda F, count, vector, criterion: {2, 0})
     monkeypatch.setattr(plan, "_swing", lambda given: None)
-    monkeypatch.setattr(plan, "_within", lambda model, pose, swing: "q1" if pose[0] == 2.0 else None)
+    monkeypatch.setattr(
+        plan, "_within", lambda model, pose, swing: "q1" if pose[0] == 2.0 else None
+    )
     monkeypatch.setattr(plan, "_check_speeds", lambda given, model: None)
     monkeypatch.setattr(plan, "_check_reach", lambda given, model: None)
     monkeypatch.setattr(plan, "replace", lambda given, poses: Made(poses=poses, lines=given.lines))
@@ -90,14 +104,19 @@ def test_poses_of_a_plan_are_chosen_among_many(monkeypatch: pytest.MonkeyPatch) 
     assert asked == [(3, 7), (300, 7), (5, 4)]
     assert_allclose(poses([[0.1, 0.2]], best), np.array([[0.1, 0.2]]) @ model.eta.T)
     for count, criterion in ((0, best), (2, "worst")):
-        with pytest.raises(ArgumentError, match=r"poses, criterion: given .* expected >= 1 and one of "):
+        with pytest.raises(
+            ArgumentError, match=r"poses, criterion: given .* expected >= 1 and one of "
+        ):
             poses(count, criterion)
     with pytest.raises(
-        ArgumentError, match=r"poses: given an array of shape \(1, 3\), expected \(poses, 2\) in rad or m"
+        ArgumentError,
+        match=r"poses: given an array of shape \(1, 3\), expected \(poses, 2\) in rad or m",
     ):
         poses([[0.1, 0.2, 0.3]], best)
     monkeypatch.setattr(plan, "_within", lambda model, pose, swing: "q1")
-    with pytest.raises(ArgumentError, match="speed_rms: the motion leaves the limits of the joints at every pose"):
+    with pytest.raises(
+        ArgumentError, match="speed_rms: the motion leaves the limits of the joints at every pose"
+    ):
         poses(3, "random")
 
 
@@ -117,9 +136,14 @@ def test_segments_start_with_the_angles_and_speeds_of_the_motors() -> None:
     sensors = [Made(name="e", type="link_encoder", channels=("e",), place="q2", delay_s=0.15)]
     sensors.append(Made(name="f", type="link_encoder", channels=("f",), place="q1", delay_s=0.0))
     coordinates = [Made(name="q1"), Made(name="q2")]
-    made.model, made.local = Made(coordinates=coordinates, sensors=sensors, dof=4), Made(motor_rows=np.eye(4)[2:])
+    made.model, made.local = (
+        Made(coordinates=coordinates, sensors=sensors, dof=4),
+        Made(motor_rows=np.eye(4)[2:]),
+    )
     run = Made(
-        t=np.arange(9) * 0.1, q_m=np.zeros((9, 2)), signals=np.stack([np.arange(9.0), 10 * np.arange(9.0)], axis=1)
+        t=np.arange(9) * 0.1,
+        q_m=np.zeros((9, 2)),
+        signals=np.stack([np.arange(9.0), 10 * np.arange(9.0)], axis=1),
     )
     rows, records = made._outputs(Made(sensors=("e", "f")), [run])
     assert_allclose(rows, np.vstack([np.eye(4)[2:], np.eye(4)[1], np.eye(4)[0]]))
@@ -127,11 +151,15 @@ def test_segments_start_with_the_angles_and_speeds_of_the_motors() -> None:
     assert_allclose(records[0][:7, 2], np.arange(7.0) + 1.5)
     assert_allclose(records[0][:, 3], 10 * np.arange(9.0), atol=1e-12)
     sensors[0].type = "accelerometer"
-    with pytest.raises(ArgumentError, match="signals: given e, expected link encoders only; leave others out"):
+    with pytest.raises(
+        ArgumentError, match="signals: given e, expected link encoders only; leave others out"
+    ):
         made._outputs(Made(sensors=("e", "f")), [run])
 
 
-@pytest.mark.parametrize(("first", "doubtful", "expected"), [("m", False, "m"), ("m", True, "s"), (None, True, "s")])
+@pytest.mark.parametrize(
+    ("first", "doubtful", "expected"), [("m", False, "m"), ("m", True, "s"), (None, True, "s")]
+)
 def test_the_motion_with_the_smaller_residual_is_taken(
     first: str | None, doubtful: bool, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -141,7 +169,9 @@ def test_the_motion_with_the_smaller_residual_is_taken(
     dense = (np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros((2, 3)))
     found = Made(nlp=nlp, q_e=None, dense=lambda table, count: dense)
     reduction = Made(
-        close=lambda guess, targets: guess, targets=lambda sample: None, motion=lambda *given: (first, doubtful)
+        close=lambda guess, targets: guess,
+        targets=lambda sample: None,
+        motion=lambda *given: (first, doubtful),
     )
 
     def residual(equations: Any, result: Any) -> np.ndarray:
@@ -151,10 +181,21 @@ def test_the_motion_with_the_smaller_residual_is_taken(
     monkeypatch.setattr(collocation, "Reduction", lambda equations: reduction)
     monkeypatch.setattr(collocation, "collocate", lambda *given, **more: found)
     monkeypatch.setattr(collocation, "_smooth_by_spline", lambda *given: "s")
-    monkeypatch.setattr(collocation, "with_motors", lambda equations, t, motion, **more: (motion, more))
+    monkeypatch.setattr(
+        collocation, "with_motors", lambda equations, t, motion, **more: (motion, more)
+    )
     monkeypatch.setattr(collocation, "motion_residual", residual)
-    problem: Any = Made(check_options=lambda name: None, limits=None, progress=None, nodes=lambda h: (0.1, nodes))
-    problem.equations, problem.path, problem.step = Made(model=Made(i_e=(1,))), Made(sample=lambda t: None), 0.1
+    problem: Any = Made(
+        check_options=lambda name: None, limits=None, progress=None, nodes=lambda h: (0.1, nodes)
+    )
+    problem.equations, problem.path, problem.step = (
+        Made(model=Made(i_e=(1,))),
+        Made(sample=lambda t: None),
+        0.1,
+    )
     chosen: Any = collocation.solve(problem, 0.5)
-    assert chosen == (expected, {"preactuation": 0.1, "verdict": "solved", "iterations": 3, "intervals": 2})
+    assert chosen == (
+        expected,
+        {"preactuation": 0.1, "verdict": "solved", "iterations": 3, "intervals": 2},
+    )
     assert compared == (["m", "s"] if first and doubtful else [])

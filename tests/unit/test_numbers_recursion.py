@@ -25,7 +25,16 @@ from scipy.spatial.transform import Rotation
 from flexgen.expressions.evaluation import evaluate_routine
 from flexgen.expressions.routine import Columns, Expressions, Products, Routine, Rows, Sums
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.elements import Body, Dof, Element, Gear, LinearSpring, Motor, Placement, RobotModel
+from flexgen.model.elements import (
+    Body,
+    Dof,
+    Element,
+    Gear,
+    LinearSpring,
+    Motor,
+    Placement,
+    RobotModel,
+)
 from flexgen.recursion import (
     articulated_body,
     column_functions,
@@ -53,7 +62,11 @@ def made(rows: list[tuple[str, Any, Placement, Body]], seed: int, **rest: Any) -
         dofs = []
         for i, axis in enumerate(axes):
             elastic = Gear(rigid=False, spring=LinearSpring(2e3), damping=2.0)
-            gear = {"gear": Gear(rigid=True)} if i == 0 else {"spring": LinearSpring(1e4), "damping": 3.0}
+            gear = (
+                {"gear": Gear(rigid=True)}
+                if i == 0
+                else {"spring": LinearSpring(1e4), "damping": 3.0}
+            )
             gear = {"gear": elastic} if i == 0 and k == 1 else gear
             dofs.append(Dof(f"q{k}{i}", kind, axis, **gear))  # type: ignore[arg-type]
         elements.append(Element(f"b{k}", tuple(dofs), place, Placement(), body))
@@ -62,7 +75,9 @@ def made(rows: list[tuple[str, Any, Placement, Body]], seed: int, **rest: Any) -
 
 
 def at(*position: float, about: str = "z", degrees: float = 0.0) -> Placement:
-    return Placement(position, matrix(Rotation.from_euler(about, degrees, degrees=True).as_matrix()))
+    return Placement(
+        position, matrix(Rotation.from_euler(about, degrees, degrees=True).as_matrix())
+    )
 
 
 def parallel() -> RobotModel:
@@ -94,14 +109,18 @@ def on_points() -> RobotModel:
 def half_empty() -> RobotModel:
     """Bodies without mass between others, and a payload."""
     plain = dense_chain(5, 3, sliding=True)
-    elements = [x if k in (1, 2, 4) else replace(x, body=Body()) for k, x in enumerate(plain.elements)]
+    elements = [
+        x if k in (1, 2, 4) else replace(x, body=Body()) for k, x in enumerate(plain.elements)
+    ]
     return replace(plain, elements=tuple(elements), payload=random_body(np.random.default_rng(8)))
 
 
 def equal() -> RobotModel:
     """A turning chain whose bodies all have the same mass."""
     plain = dense_chain(4, 2)
-    return replace(plain, elements=tuple(replace(x, body=replace(x.body, mass=2.0)) for x in plain.elements))
+    return replace(
+        plain, elements=tuple(replace(x, body=replace(x.body, mass=2.0)) for x in plain.elements)
+    )
 
 
 ROBOTS: dict[str, Callable[[], RobotModel]] = {
@@ -130,7 +149,10 @@ def groupings(name: str) -> Iterator[Chain]:
 
 def states(name: str, count: int = 2) -> list[Made]:
     rng, n = np.random.default_rng(7), equations_of(name).model.n_a
-    return [Made(**{x: rng.uniform(-2.0, 2.0, n).tolist() for x in ("q", "v", "a")}) for _ in range(count)]
+    return [
+        Made(**{x: rng.uniform(-2.0, 2.0, n).tolist() for x in ("q", "v", "a")})
+        for _ in range(count)
+    ]
 
 
 def torque(name: str, q: Any, v: Any, a: Any) -> np.ndarray:
@@ -150,7 +172,9 @@ def difference(f: Callable[[np.ndarray], np.ndarray], x: Any, h: float = 1e-4) -
 def close(found: Any, expected: Any, tolerance: float = 1e-12) -> None:
     found, expected = np.array(found, dtype=float), np.array(expected, dtype=float)
     assert found.shape == expected.shape
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(1e-3, np.abs(expected).max()))
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerance * max(1e-3, np.abs(expected).max())
+    )
 
 
 @each_robot
@@ -162,11 +186,15 @@ def test_torques_and_mass_matrices_of_all_groupings_are_the_lagrangians(name: st
         gravity = torque(name, s.q, still, still)
         for chain in groupings(name):
             for carried in ([True] * n, [False] * n, [k % 2 == 0 for k in range(n)]):
-                close(newton_euler.inverse_dynamics(Tape(), chain, s.q, s.v, s.a, carried), expected)
+                close(
+                    newton_euler.inverse_dynamics(Tape(), chain, s.q, s.v, s.a, carried), expected
+                )
             for together in (True, False):
                 close(composite_body.mass_matrix(Tape(), chain, s.q, together), M)
             close(
-                difference(lambda q, c=chain: np.array(composite_body.height(Tape(), c, q.tolist())), s.q),
+                difference(
+                    lambda q, c=chain: np.array(composite_body.height(Tape(), c, q.tolist())), s.q
+                ),
                 gravity,
                 1e-9,
             )
@@ -192,13 +220,21 @@ def test_accelerations_balance_the_torques_with_and_without_rotors(name: str) ->
     n = equations_of(name).model.n_a
     joined = 0
     for s in states(name):
-        M, h = np.array(equations_of(name).function("mass_matrix")(s.q)), torque(name, s.q, s.v, [0.0] * n)
+        M, h = (
+            np.array(equations_of(name).function("mass_matrix")(s.q)),
+            torque(name, s.q, s.v, [0.0] * n),
+        )
         for chain in groupings(name):
-            turns = [newton_euler.turn_of(Tape(), joint, q) for joint, q in zip(chain.joints, s.q, strict=True)]
+            turns = [
+                newton_euler.turn_of(Tape(), joint, q)
+                for joint, q in zip(chain.joints, s.q, strict=True)
+            ]
             for armature in ([0.0] * n, [0.0] * (n - 1) + [0.7], [0.3 + k for k in range(n)]):
                 moving = newton_euler.motions(Tape(), chain, turns, s.q, s.v, [0.0] * n, [True] * n)
                 loads = newton_euler.loads(chain, moving)
-                found = articulated_body.forward_dynamics(Tape(), chain, s.q, loads, turns, s.a, armature)
+                found = articulated_body.forward_dynamics(
+                    Tape(), chain, s.q, loads, turns, s.a, armature
+                )
                 expected = np.linalg.solve(M + np.diag(armature), np.array(s.a) - h)
                 close(found, expected, 1e-9)
                 close(
@@ -234,7 +270,11 @@ def test_tool_moves_as_its_pose_says(name: str) -> None:
         close(p, place(s.q))
         close(R, turn(s.q))
         spin = np.einsum("ijn,kj->ikn", difference(turn, s.q), turn(s.q))
-        close(jacobian(s.q), np.vstack([difference(place, s.q), spin[2, 1], spin[0, 2], spin[1, 0]]), 1e-9)
+        close(
+            jacobian(s.q),
+            np.vstack([difference(place, s.q), spin[2, 1], spin[0, 2], spin[1, 0]]),
+            1e-9,
+        )
         found = kinematics.rates(Tape(), chain, s.q, s.v, s.a)
         q, v, a = (np.array(x) for x in (s.q, s.v, s.a))
 
@@ -243,9 +283,13 @@ def test_tool_moves_as_its_pose_says(name: str) -> None:
 
         first = difference(along, np.zeros(1))[..., 0]
         h = 1e-3
-        second = sum(c * along([k * h]) for k, c in zip(range(-2, 3), (-1, 16, -30, 16, -1), strict=True)) / (12 * h**2)
+        second = sum(
+            c * along([k * h]) for k, c in zip(range(-2, 3), (-1, 16, -30, 16, -1), strict=True)
+        ) / (12 * h**2)
         columns_of = np.array([[*zip(*c, strict=True)] for c in found.columns], dtype=float)
-        for k, (expected, tolerance) in enumerate(((jacobian(q), 1e-13), (first, 1e-9), (second, 1e-7))):
+        for k, (expected, tolerance) in enumerate(
+            ((jacobian(q), 1e-13), (first, 1e-9), (second, 1e-7))
+        ):
             close(columns_of[:, :, k].T, expected, tolerance)
         motion = jacobian(q) @ a + first @ v
         close(found.bias, motion, 1e-9)
@@ -265,7 +309,9 @@ def long_hollow() -> RobotModel:
 def long_equal() -> RobotModel:
     """A turning chain whose bodies all have the same mass."""
     plain = dense_chain(8, 2)
-    return replace(plain, elements=tuple(replace(x, body=replace(x.body, mass=2.0)) for x in plain.elements))
+    return replace(
+        plain, elements=tuple(replace(x, body=replace(x.body, mass=2.0)) for x in plain.elements)
+    )
 
 
 LONG: dict[str, Callable[[], RobotModel]] = {"hollow": long_hollow, "equal": long_equal}
@@ -273,7 +319,10 @@ LONG: dict[str, Callable[[], RobotModel]] = {"hollow": long_hollow, "equal": lon
 
 def long_groupings(name: str) -> list[Chain]:
     chain = make_chain(LONG[name]())
-    return [chain, *(regroup(chain, [kept] * len(chain.joints)) for kept in (KeptInertia(), KEPT_ALL))]
+    return [
+        chain,
+        *(regroup(chain, [kept] * len(chain.joints)) for kept in (KeptInertia(), KEPT_ALL)),
+    ]
 
 
 @pytest.mark.parametrize("name", LONG)
@@ -284,10 +333,15 @@ def test_loops_over_columns_give_the_torques_and_derivatives_of_the_recursions(n
     given = {"q_a": q, "v_a": v, "a_a": a}
     chains, carried = long_groupings(name)[:2], [True] * n
     moved = tuple(x.tolist() for x in (q, v, a))
-    Q, V, M = (np.array(x, dtype=float) for x in derivatives.derivatives(Tape(), chains[0], *moved, carried))
+    Q, V, M = (
+        np.array(x, dtype=float)
+        for x in derivatives.derivatives(Tape(), chains[0], *moved, carried)
+    )
     rest = newton_euler.inverse_dynamics(Tape(), chains[0], *moved[:2], [0.0] * n, carried)
     for chain in chains:
-        found = evaluate_routine(Routine(tuple(columns.derivatives(chain, ("R", 0), ("R", n), "M"))), given)
+        found = evaluate_routine(
+            Routine(tuple(columns.derivatives(chain, ("R", 0), ("R", n), "M"))), given
+        )
         close(found["R"], np.hstack([Q, V]), 1e-11)
         close(found["M"], M)
         close(evaluate_routine(Routine(tuple(columns.mass_matrix(chain, "M"))), {"q_a": q})["M"], M)
@@ -305,14 +359,38 @@ def test_steps_of_loops_carry_only_columns_of_bodies_and_rows_of_numbers_that_di
     def arrays(chain: Chain) -> dict[str, tuple[int, int]]:
         steps = columns.derivatives(chain, ("Q", 0), ("V", 0), "M")
         made = [step for step in steps if isinstance(step, Columns)]
-        return {x.function.name(): (x.n, sum(len(table) for table in x.tables.values())) for x in made}
+        return {
+            x.function.name(): (x.n, sum(len(table) for table in x.tables.values())) for x in made
+        }
 
     # rows of numbers: turning or not, 10 of an inertia, the mass of a body, the mass behind a joint
     turning, hollow = (arrays(long_groupings(name)[0]) for name in ("equal", "hollow"))
-    expected = {"axes": 0, "rates": 0, "moments": 9, "momenta": 1, "motion": 0, "gains": 0, "forces": 0, "changes": 1}
-    assert turning == {name: (8, rows) for name, rows in expected.items()} | {"moments": (8, turning["moments"][1])}
-    assert turning["moments"][1] == len([row for row in inertias(long_groupings("equal")[0]).T if np.ptp(row)])
-    sizes = {"axes": 8, "rates": 8, "moments": 5, "momenta": 8, "motion": 5, "gains": 8, "forces": 5, "changes": 8}
+    expected = {
+        "axes": 0,
+        "rates": 0,
+        "moments": 9,
+        "momenta": 1,
+        "motion": 0,
+        "gains": 0,
+        "forces": 0,
+        "changes": 1,
+    }
+    assert turning == {name: (8, rows) for name, rows in expected.items()} | {
+        "moments": (8, turning["moments"][1])
+    }
+    assert turning["moments"][1] == len(
+        [row for row in inertias(long_groupings("equal")[0]).T if np.ptp(row)]
+    )
+    sizes = {
+        "axes": 8,
+        "rates": 8,
+        "moments": 5,
+        "momenta": 8,
+        "motion": 5,
+        "gains": 8,
+        "forces": 5,
+        "changes": 8,
+    }
     assert {name: n for name, (n, _) in hollow.items()} == sizes
     assert hollow["axes"][1] == hollow["forces"][1] == 1
     assert columns.bodies_of(long_groupings("hollow")[0]) == (0, 2, 3, 5, 6)
@@ -341,7 +419,9 @@ def test_the_check_of_loops_sees_errors_from_one_billionth(monkeypatch: pytest.M
     assert not agrees(right + ca.SX.nan())
 
 
-def test_loops_are_taken_from_twelve_joints_where_they_are_much_shorter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loops_are_taken_from_twelve_joints_where_they_are_much_shorter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     model = long_equal()
     equations: Any = Made(model=model)
     costs = {0.0: 70.0, 1.0: 61.0}  # by whether the first body keeps its mass
@@ -368,14 +448,33 @@ def test_loops_are_taken_from_twelve_joints_where_they_are_much_shorter(monkeypa
     class Asked:
         """An arm of n joints that may carry a payload that changes, or have a mechanism."""
 
-        def __init__(self, n: int, loaded: bool, recursion: bool, branched: bool = False, moves: object = None) -> None:
-            self.model, self.loaded, self.recursion = Made(n_a=n, branched=branched), loaded, recursion
+        def __init__(
+            self,
+            n: int,
+            loaded: bool,
+            recursion: bool,
+            branched: bool = False,
+            moves: object = None,
+        ) -> None:
+            self.model, self.loaded, self.recursion = (
+                Made(n_a=n, branched=branched),
+                loaded,
+                recursion,
+            )
             self.moves = moves
 
     monkeypatch.setattr(column_functions, "_chain_of", lambda asked: "chain")
     monkeypatch.setattr(column_functions, "arm_of", lambda asked: asked)
-    monkeypatch.setattr(column_functions, "fast_function", lambda asked, name: asked.recursion or None)
-    cases = ((12, False, True), (11, False, True), (40, True, True), (40, False, False), (40, False, True, True))
+    monkeypatch.setattr(
+        column_functions, "fast_function", lambda asked, name: asked.recursion or None
+    )
+    cases = (
+        (12, False, True),
+        (11, False, True),
+        (40, True, True),
+        (40, False, False),
+        (40, False, True, True),
+    )
     cases += ((40, False, True, False, ({0: 1.0},)),)
     found_for = [column_functions.long_chain(Asked(*x)) for x in cases]  # type: ignore[arg-type]
     assert found_for == ["chain", None, None, None, None, None]
@@ -392,7 +491,9 @@ def test_costs_of_steps_count_lanes_rows_and_both_triangles() -> None:
     product = Products(above, below, 9, "M")
     assert column_functions.cost([product]) == product.operations / 8
     half = Products(above, above[::-1], 9, "M")
-    assert half.symmetric and column_functions.cost([half, Expressions(f)]) == half.operations / 4 + 3
+    assert (
+        half.symmetric and column_functions.cost([half, Expressions(f)]) == half.operations / 4 + 3
+    )
 
 
 # --- numbers on a tape -----------------------------------------------------------------------------------------------
@@ -427,7 +528,9 @@ def test_a_tape_of_random_operations_has_the_values_and_derivatives_of_casadi() 
         at = rng.uniform(-1.0, 1.0, 3)
         count = tape.count(results)
         close(
-            ca.Function("f", [x], [ca.vertcat(*tape.build(results))])(at), ca.Function("f", [x], [expected])(at), 1e-12
+            ca.Function("f", [x], [ca.vertcat(*tape.build(results))])(at),
+            ca.Function("f", [x], [expected])(at),
+            1e-12,
         )
         assert count == tape.count(results)
         slope = np.array(ca.Function("J", [x], [ca.densify(ca.jacobian(expected, x))])(at))
@@ -449,12 +552,19 @@ def test_a_tape_folds_constants_shares_operations_and_counts_what_is_left() -> N
     assert count(x + y) == count(y + x) == count(x + y, y + x) == 1
     assert count(x - y) == count(y - x) == count(-(x - y)) == 1
     assert count(-(x + y)) == 2 and count(x - y, y - x) == 2
-    assert count(x + x) == count(2.0 * x) == count(x + x, 2.0 * x) == 1 and count(x - x) == 0 and (x - x) == 0.0
+    assert (
+        count(x + x) == count(2.0 * x) == count(x + x, 2.0 * x) == 1
+        and count(x - x) == 0
+        and (x - x) == 0.0
+    )
     assert count(2.0 * x + 3.0 * x) == count(5.0 * x) == 1 and count(3.0 * x - 2.0 * x) == 0
     assert count(2.0 * (3.0 * x)) == 1 and count(0.5 * (2.0 * x)) == 0 and count(-2.0 * x) == 1
     assert count(x * y, y * x) == 1 and count((-x) * y) == 2 and count((-x) * (-y)) == 1
     assert count(x + 1.0) == 1 and count(1.0 - x) == 2 and count(tape.inverse(x)) == 1
-    assert count(tape.sine(x), tape.sine(x, cosine=True)) == 0 and count(tape.sine(x) * tape.sine(x)) == 1
+    assert (
+        count(tape.sine(x), tape.sine(x, cosine=True)) == 0
+        and count(tape.sine(x) * tape.sine(x)) == 1
+    )
     assert tape.sine(-x).negative and not tape.sine(-x, cosine=True).negative  # type: ignore[union-attr]
     assert tape.find_needed([x * y + 2.0 * y, 3.0]) == sorted(tape.find_needed([x * y + 2.0 * y]))
     assert tape.operands(x.node) == () and tape.operands((2.0 * x).node) == (x.node,)  # type: ignore[union-attr]
@@ -491,7 +601,8 @@ def test_turns_moments_and_articulated_inertias_are_those_of_matrices() -> None:
     moved = whole.shifted(p.tolist())
     expected = body.moved((np.eye(3), p))
     close(
-        [moved.mass, *moved.first, *np.ravel(moved.second)], [expected.mass, *expected.first, *expected.second.ravel()]
+        [moved.mass, *moved.first, *np.ravel(moved.second)],
+        [expected.mass, *expected.first, *expected.second.ravel()],
     )
     close(composite_body.combine_axes(A.tolist(), v.tolist()), A.T @ v)
     zero = articulated_body._zero()
@@ -540,7 +651,10 @@ def test_no_robot_falls_back_to_longer_functions(name: str) -> None:
     equations = equations_of(name) if name in ROBOTS else derive(name)
     assert functions.agrees(equations)
     expected = OPERATIONS[name]
-    found = [recursive_function(equations, form) if n != -1 else None for form, n in zip(FORMS, expected, strict=True)]
+    found = [
+        recursive_function(equations, form) if n != -1 else None
+        for form, n in zip(FORMS, expected, strict=True)
+    ]
     assert tuple(-1 if f is None else operations_of(f) for f in found) == expected
 
 
@@ -560,7 +674,10 @@ def test_the_check_before_use_sees_errors_from_one_billionth_at_moderate_states(
             def call(given: list[np.ndarray]) -> list[ca.DM]:
                 asked.append(np.ravel(given))
                 results = f.call(given)
-                return [x * factor if name == wrong and k == len(results) - 1 else x for k, x in enumerate(results)]
+                return [
+                    x * factor if name == wrong and k == len(results) - 1 else x
+                    for k, x in enumerate(results)
+                ]
 
             return Made(name_in=f.name_in, call=call)
 
@@ -569,6 +686,10 @@ def test_the_check_before_use_sees_errors_from_one_billionth_at_moderate_states(
 
     assert agrees("", 1.0) and len(asked) == 9
     states_asked = np.concatenate(asked)
-    assert np.abs(states_asked).max() <= 1.0 and np.ptp(states_asked) > 1.6 and len({*map(tuple, asked)}) == 6
+    assert (
+        np.abs(states_asked).max() <= 1.0
+        and np.ptp(states_asked) > 1.6
+        and len({*map(tuple, asked)}) == 6
+    )
     for name in names:
         assert agrees(name, 1 + 4e-10) and not agrees(name, 1 + 4e-9) and not agrees(name, np.nan)

@@ -55,12 +55,18 @@ def test_an_option_is_given_once() -> None:
         made.add_argument("--move", action=Once)
         made.add_argument("--mesh", action=Once)
         made.add_argument("--grid", action=OldName, dest="mesh", metavar="--mesh")
-        made.add_argument("--coarse", action=OldName, dest="mesh", metavar="--mesh", nargs=0, const="coarse")
+        made.add_argument(
+            "--coarse", action=OldName, dest="mesh", metavar="--mesh", nargs=0, const="coarse"
+        )
         return made
 
-    assert parser().parse_args(["--mesh", "3"]).mesh == "3" and not hasattr(parser().parse_args([]), "notes")
+    assert parser().parse_args(["--mesh", "3"]).mesh == "3" and not hasattr(
+        parser().parse_args([]), "notes"
+    )
     old = parser().parse_args(["--grid", "3"])
-    assert old.mesh == "3" and old.notes == ["--grid is the old name of --mesh, please use the new one"]
+    assert old.mesh == "3" and old.notes == [
+        "--grid is the old name of --mesh, please use the new one"
+    ]
     assert parser().parse_args(["--coarse"]).mesh == "coarse"
     for words, text in (
         (["--mesh", "3", "--mesh", "4"], "given twice (3 and 4), expected one"),
@@ -78,11 +84,15 @@ def test_an_option_is_given_once() -> None:
 @pytest.mark.skipif(os.name != "posix", reason="paths of POSIX")
 def test_paths_have_a_largest_number_of_parts() -> None:
     assert len(atomic_files.follow_links("/" + "/".join(["no_such"] * 255)).parts) == 256
-    with pytest.raises(ArgumentError, match="given a path of 257 parts, expected at most 256: '/no_such/no_such/"):
+    with pytest.raises(
+        ArgumentError, match="given a path of 257 parts, expected at most 256: '/no_such/no_such/"
+    ):
         atomic_files.follow_links("/" + "/".join(["no_such"] * 256))
 
 
-def array(shape: tuple[int, ...], dtype: str = "<f8", strides: tuple[int, ...] | None = None) -> Any:
+def array(
+    shape: tuple[int, ...], dtype: str = "<f8", strides: tuple[int, ...] | None = None
+) -> Any:
     made = object.__new__(Given)
     fields = {"_where": "f, q", "shape": shape, "dtype": dtype, "strides": strides, "address": 0}
     for name, value in fields.items():
@@ -101,12 +111,23 @@ def test_arrays_on_a_card_fit_or_are_refused() -> None:
     for given, shape, text in (
         (array((4, 2)), (None, 3), r"f, q: given shape \(4, 2\), expected \(N, 3\)"),
         (array((4,)), (4, 1), r"given shape \(4,\), expected \(4, 1\)"),
-        (array((4, 3), "<f4"), (None, 3), "given numbers of type <f4, expected float64; a library has the precision"),
-        (array((4, 3)), (None, 3), r"given strides \(24, 8\) of bytes, expected \(8, 32\): the order of Fortran, with"),
+        (
+            array((4, 3), "<f4"),
+            (None, 3),
+            "given numbers of type <f4, expected float64; a library has the precision",
+        ),
+        (
+            array((4, 3)),
+            (None, 3),
+            r"given strides \(24, 8\) of bytes, expected \(8, 32\): the order of Fortran, with",
+        ),
     ):
         with pytest.raises(ArgumentError, match=text):
             given.demand(shape, double, "F")
-    with pytest.raises(ArgumentError, match=r"given strides \(8, 32\) of bytes, expected \(24, 8\): rows without gaps"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"given strides \(8, 32\) of bytes, expected \(24, 8\): rows without gaps",
+    ):
         array((4, 3), strides=(8, 32)).demand((4, 3), double, "C")
 
 
@@ -118,7 +139,9 @@ def test_states_between_samples_are_those_of_a_polynomial() -> None:
     curves = [np.polynomial.Polynomial(rng.normal(size=6)) for _ in range(2)]
 
     def at(instants: np.ndarray, order: int) -> np.ndarray:
-        return np.stack([curve.deriv(order)(instants) if order else curve(instants) for curve in curves], axis=1)
+        return np.stack(
+            [curve.deriv(order)(instants) if order else curve(instants) for curve in curves], axis=1
+        )
 
     found = residual._half_way(h, *(at(t, order) for order in range(3)))
     for order, values in enumerate(found):

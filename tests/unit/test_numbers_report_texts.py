@@ -23,7 +23,14 @@ from flexgen.reports import analysis_page, control_page, pictures, result_page, 
     [
         ({"unit": "rad", "gear": {"type": "rigid"}}, "rigid gear", None, None),
         (
-            {"unit": "rad", "gear": {"type": "elastic", "spring": {"type": "linear", "stiffness": 2e4}, "side": "arm"}},
+            {
+                "unit": "rad",
+                "gear": {
+                    "type": "elastic",
+                    "spring": {"type": "linear", "stiffness": 2e4},
+                    "side": "arm",
+                },
+            },
             "elastic gear, linear, arm side",
             "20000 N m/rad",
             "0 N m s/rad",
@@ -74,9 +81,17 @@ def test_the_drive_of_a_coordinate_in_words(
 
 
 def test_ratios_and_outputs_in_words() -> None:
-    assert texts._ratio(-80.5, "rad/rad") == "-80.5" and texts._ratio(628.3185, "rad/m") == "628.3 rad/m"
-    assert texts._output({"type": "tool_position", "axes": "xz", "size": 2}) == "tool_position xz (2 scalars)"
-    assert texts._output({"type": "combination", "axes": "", "size": 1}) == "combination (1 scalars)"
+    assert (
+        texts._ratio(-80.5, "rad/rad") == "-80.5"
+        and texts._ratio(628.3185, "rad/m") == "628.3 rad/m"
+    )
+    assert (
+        texts._output({"type": "tool_position", "axes": "xz", "size": 2})
+        == "tool_position xz (2 scalars)"
+    )
+    assert (
+        texts._output({"type": "combination", "axes": "", "size": 1}) == "combination (1 scalars)"
+    )
 
 
 def test_reasons_of_failed_cases() -> None:
@@ -104,7 +119,10 @@ def test_details_of_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
         rows.clear()
         solution: Any = Made(details=details, simulation=simulation, status=flexgen.Status.SOLVED)
         text = texts.solution_details(solution)
-        assert rows[:3] == [("a b", 2.5, ""), ("g", "[1, 2]", ""), ("h", 0, "")] and len(rows) == 3 + more
+        assert (
+            rows[:3] == [("a b", 2.5, ""), ("g", "[1, 2]", ""), ("h", 0, "")]
+            and len(rows) == 3 + more
+        )
         assert text.startswith("figures\n\nsolved: ")
     assert rows[3:] == [
         ("integrator of the simulation", "DOP853", ""),
@@ -129,11 +147,18 @@ def test_segments_of_a_path_and_files_of_a_library(monkeypatch: pytest.MonkeyPat
         ["2", "tool", "1.25", "0.75", "5"],
     ]
     reasons: list[str | None] = [None, "it has a beam"]
-    monkeypatch.setattr("flexgen.codegen.c_functions.inversion_reason", lambda robot, functions: reasons.pop(0))
+    monkeypatch.setattr(
+        "flexgen.codegen.c_functions.inversion_reason", lambda robot, functions: reasons.pop(0)
+    )
     files = [Path("o/r.h"), Path("o/src/a.c"), Path("o/src/b.h"), Path("o/README.md")]
     robot: Any = Made(title="r@v")
     library: Any = Made(
-        cached=False, seconds=1.26, written=files, directory=Path("o"), functions=["f", "g"], files=files
+        cached=False,
+        seconds=1.26,
+        written=files,
+        directory=Path("o"),
+        functions=["f", "g"],
+        files=files,
     )
     assert texts.library_text(robot, library) == (
         "r@v: built in 1.3 s in o\n\nfunctions: f, g\n\nwrote o/r.h\nwrote o/README.md\nwrote o/src (2 sources)"
@@ -172,7 +197,9 @@ def test_errors_of_a_pose_are_lengths_and_an_angle() -> None:
 def test_a_report_says_why_the_torque_begins_early() -> None:
     early, late = (Made(method="lq", trajectory=Made(time=np.array([t, 1.0]))) for t in (-0.1, 0.0))
     full = Made(method="full", trajectory=early.trajectory)
-    unstable, stable = (Made(zeros=Made(phase=phase)) for phase in ("non-minimum phase", "minimum phase"))
+    unstable, stable = (
+        Made(zeros=Made(phase=phase)) for phase in ("non-minimum phase", "minimum phase")
+    )
     told = {
         "because": "It starts before the path because the zero dynamics is unstable: only pre-actuation keeps it",
         "none": "No zero is unstable, so no pre-actuation is needed.",
@@ -191,10 +218,18 @@ def test_a_report_says_why_the_torque_begins_early() -> None:
 def test_a_report_says_where_errors_grow_after_the_samples() -> None:
     error = np.array([[0.0, 1e-3], [-2e-3, 0.0]])
     drawn = {"trajectory": {"error": error}}
-    for m, rad, told in ((3.9e-3, None, False), (4.1e-3, None, True), (None, 4.1e-3, True), (1e-4, 4e-3, True)):
+    for m, rad, told in (
+        (3.9e-3, None, False),
+        (4.1e-3, None, True),
+        (None, 4.1e-3, True),
+        (1e-4, 4e-3, True),
+    ):
         run = Made(tool_error_max_m=m, tool_error_max_rad=rad, **drawn)
         text = pictures._after_the_samples(Made(simulation=run))  # type: ignore[arg-type]
-        assert text.startswith(" The errors in the summary are larger: they also cover the time after") == told
+        assert (
+            text.startswith(" The errors in the summary are larger: they also cover the time after")
+            == told
+        )
         assert bool(text) == told
     none = Made(tool_error_max_m=None, tool_error_max_rad=None, **drawn)
     for solution in (Made(simulation=None), Made(simulation=none)):
@@ -204,14 +239,19 @@ def test_a_report_says_where_errors_grow_after_the_samples() -> None:
 def test_zeros_along_a_path_are_drawn_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Any] = []
     monkeypatch.setattr(pictures, "Path", lambda equations, move: move)
-    monkeypatch.setattr(pictures.along_path, "zeros_along", lambda model, found: drawn.append(found) or b"svg")
+    monkeypatch.setattr(
+        pictures.along_path, "zeros_along", lambda model, found: drawn.append(found) or b"svg"
+    )
     equations: Any = Made(model=Made(n_e=1, inversion_obstacle=lambda: None))
     solution: Any = Made(move="line")
     some = Made(zeros=np.array([[np.nan, -3.0]]), verdict="all poses are minimum phase")
     monkeypatch.setattr(pictures, "zero_path", lambda equations, path: some)
     (picture,) = pictures._zeros_along(equations, solution)
     assert drawn == [some] and "zeros_along" in vars(picture).values()
-    assert "Zeros at the equilibrium poses along the path. All poses are minimum phase." in vars(picture).values()
+    assert (
+        "Zeros at the equilibrium poses along the path. All poses are minimum phase."
+        in vars(picture).values()
+    )
     none = Made(zeros=np.full((3, 2), np.nan), verdict="")
     monkeypatch.setattr(pictures, "zero_path", lambda equations, path: none)
     assert pictures._zeros_along(equations, solution) == []
@@ -244,11 +284,17 @@ def pages_of(module: Any, monkeypatch: pytest.MonkeyPatch) -> list[Page]:
     return out
 
 
-def test_the_page_of_a_score_has_its_parts_or_why_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_of_a_score_has_its_parts_or_why_it_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     written = pages_of(control_page, monkeypatch)
     monkeypatch.setattr(control_page.plots, "plot_score", lambda score: "figure")
     scenario = Made(
-        title="Two <masses>", title_line="two masses, 2 & 3", published="a plant", ours="a draw", rule="no force"
+        title="Two <masses>",
+        title_line="two masses, 2 & 3",
+        published="a plant",
+        ours="a draw",
+        rule="no force",
     )
     scenario.sets = {"soft": (1, 2), "late": (3,)}
     row = {
@@ -275,15 +321,27 @@ def test_the_page_of_a_score_has_its_parts_or_why_it_is_refused(monkeypatch: pyt
     folder, text, drawn = written[0]
     assert folder == Path("page") and drawn == ["score"]
     assert "<h1>Two &lt;masses&gt;: mine</h1>" in text and "two masses, 2 &amp; 3" in text
-    assert "<b>V = 0.9877</b> (nominal 0.9000, soft 1.2346; worst draw 1.1); the reference controller has about" in text
-    for part in ("Published: a plant", "Of this project: a draw", "Rule: no force", "<b>not the published score</b>"):
+    assert (
+        "<b>V = 0.9877</b> (nominal 0.9000, soft 1.2346; worst draw 1.1); the reference controller has about"
+        in text
+    )
+    for part in (
+        "Published: a plant",
+        "Of this project: a draw",
+        "Rule: no force",
+        "<b>not the published score</b>",
+    ):
         assert part in text
     assert "<th>worst of soft</th>" in text.replace(' class="n"', "") and "refused" not in text
-    cells = "<td>rise &amp; fall</td><td>s</td><td>0.250</td><td>0.5</td><td>0.75</td><td>2</td><td>"
+    cells = (
+        "<td>rise &amp; fall</td><td>s</td><td>0.250</td><td>0.5</td><td>0.75</td><td>2</td><td>"
+    )
     assert cells in text.replace(' class="n"', "")
     score.spread_words = score.rule = scenario.rule = ""
     control_page.write_score(score, "page")
-    assert "soft 1.2346); the reference controller" in written[1][1] and "Rule:" not in written[1][1]
+    assert (
+        "soft 1.2346); the reference controller" in written[1][1] and "Rule:" not in written[1][1]
+    )
     score.accepted = False
     control_page.write_score(score, "page")
     text = written[2][1]
@@ -291,9 +349,13 @@ def test_the_page_of_a_score_has_its_parts_or_why_it_is_refused(monkeypatch: pyt
     assert "<h2>Measures</h2>" not in text and "V =" not in text and written[2][2] == ["score"]
 
 
-def test_the_page_of_an_analysis_has_pictures_of_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_of_an_analysis_has_pictures_of_what_there_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     written = pages_of(analysis_page, monkeypatch)
-    monkeypatch.setattr(analysis_page, "linear_pictures", lambda analysis, where: [Made(name=where)])
+    monkeypatch.setattr(
+        analysis_page, "linear_pictures", lambda analysis, where: [Made(name=where)]
+    )
     monkeypatch.setattr(analysis_page, "compliance_plot", lambda analysis: "figure")
     monkeypatch.setattr(analysis_page.along_path, "zeros_along", lambda model, path: path.verdict)
     monkeypatch.setattr(analysis_page, "dynamics_tables", lambda analysis: "<p>modes</p>")
@@ -321,14 +383,23 @@ def test_the_page_of_an_analysis_has_pictures_of_what_there_is(monkeypatch: pyte
         assert drawn == names and ("beware &amp; look" in text) == bool(warnings)
         assert ('<div class="warn">' in text) == bool(warnings)
         plain = text.replace(' class="n"', "")
-        assert "<td>q1</td><td>0.5</td><td>rad</td>" in plain and "<td>m1</td><td>12.5</td><td>N m</td>" in plain
+        assert (
+            "<td>q1</td><td>0.5</td><td>rad</td>" in plain
+            and "<td>m1</td><td>12.5</td><td>N m</td>" in plain
+        )
         assert "<td>s</td><td>\N{MINUS SIGN}0.25</td><td>m</td>" in plain
-        assert "<h1>arm@soft: analysis of an equilibrium</h1>" in text and "one axis." in text and "modes" in text
+        assert (
+            "<h1>arm@soft: analysis of an equilibrium</h1>" in text
+            and "one axis." in text
+            and "modes" in text
+        )
 
 
 def test_the_page_of_another_result_is_its_table(monkeypatch: pytest.MonkeyPatch) -> None:
     written = pages_of(result_page, monkeypatch)
-    rest = flexgen.Equilibrium(np.array([0.5]), np.array([50.0]), np.array([3.0]), np.array([300.0]))
+    rest = flexgen.Equilibrium(
+        np.array([0.5]), np.array([50.0]), np.array([3.0]), np.array([300.0])
+    )
     assert result_page.write_result(rest, "page") == Path("page/index.html")
     _, text, drawn = written[0]
     assert "<h1>Equilibrium</h1>" in text and rest._repr_html_() in text and drawn == []
@@ -343,9 +414,13 @@ def test_the_page_of_a_result_with_tables_has_all_rows(monkeypatch: pytest.Monke
     rows = [[f"q{k}.zero", f"{k} < {k + 1}" + " and wide" * 20] for k in range(40)]
     monkeypatch.setattr(flexgen.Equilibrium, "to_text", lambda self: text_tables.table(rows))
     monkeypatch.setattr(flexgen.Equilibrium, "warnings", ("a < b",), raising=False)
-    rest = flexgen.Equilibrium(np.array([0.5]), np.array([50.0]), np.array([3.0]), np.array([300.0]))
+    rest = flexgen.Equilibrium(
+        np.array([0.5]), np.array([50.0]), np.array([3.0]), np.array([300.0])
+    )
     with text_tables.fit_tables(60):  # of the terminal
         result_page.write_result(rest, "page")
     text = html.unescape(written[0][1])
     assert all(wide in text for _, wide in rows) and "<li>a < b</li>" in text
-    assert "<pre" in text and "a < b" not in written[0][1] and rest._repr_html_() not in written[0][1]
+    assert (
+        "<pre" in text and "a < b" not in written[0][1] and rest._repr_html_() not in written[0][1]
+    )

@@ -28,9 +28,22 @@ from flexgen.types_of_values import _is_any_array
 def problem(**more: Any) -> Any:
     """Of a path of one second, with a window of half a second before it and a quarter behind it."""
     gear = Made(rigid=False, spring=LinearSpring(1e4))
-    fields: dict[str, Any] = {"mesh": None, "limits": None, "force": None, "preview": None, "windows": (0.5, 0.25)}
-    fields |= {"path": Made(duration=1.0, segments=(1,)), "step": 1e-3, "sampling": 1e-3, "resolving": 1.0}
-    fields |= {"equations": Made(model=Made(coordinates=[Made(dof=None), Made(dof=Made(gear=gear))]))}
+    fields: dict[str, Any] = {
+        "mesh": None,
+        "limits": None,
+        "force": None,
+        "preview": None,
+        "windows": (0.5, 0.25),
+    }
+    fields |= {
+        "path": Made(duration=1.0, segments=(1,)),
+        "step": 1e-3,
+        "sampling": 1e-3,
+        "resolving": 1.0,
+    }
+    fields |= {
+        "equations": Made(model=Made(coordinates=[Made(dof=None), Made(dof=Made(gear=gear))]))
+    }
     return Made(**(fields | more))
 
 
@@ -39,8 +52,10 @@ def test_samples_of_an_inversion_by_hand() -> None:
     assert sampling.grid(problem(), 0.01) == (1001, 1e-3, 10, 500, 250)
     assert sampling.grid(problem(), 0.004) == (2001, 5e-4, 8, 1000, 500)  # eight to an interval
     program = Made(duration=1.0, segments=(1, 2))
-    assert sampling.grid(problem(path=program), 0.002) == (2001, 5e-4, 4, 1000, 500)  # four of a program
-    assert sampling.grid(problem(mesh=100), 0.004) == (1001, 1e-3, 4, 500, 250)  # as the mesh that is asked for
+    # four of a program
+    assert sampling.grid(problem(path=program), 0.002) == (2001, 5e-4, 4, 1000, 500)
+    # as the mesh that is asked for
+    assert sampling.grid(problem(mesh=100), 0.004) == (1001, 1e-3, 4, 500, 250)
     assert sampling.grid(problem(limits=1), 0.004) == (1001, 1e-3, 4, 500, 250)
     assert sampling.grid(problem(resolving=0.005), 0.01) == (1001, 1e-3, 5, 500, 250)
     assert sampling.grid(problem(resolving=1e-5), 0.01) == (1001, 1e-3, 1, 500, 250)
@@ -49,7 +64,8 @@ def test_samples_of_an_inversion_by_hand() -> None:
     assert sampling.grid(problem(equations=curved), 0.01) == (2001, 5e-4, 20, 1000, 500)
     force = Made(resolving=2e-3)
     assert sampling.grid(problem(force=force), 0.02) == (4001, 2.5e-4, 8, 2000, 1000)
-    assert sampling.grid(problem(force=force), 0.005) == (8001, 1.25e-4, 8, 4000, 2000)  # half the longest interval
+    # half the longest interval
+    assert sampling.grid(problem(force=force), 0.005) == (8001, 1.25e-4, 8, 4000, 2000)
     assert sampling.grid(problem(force=force, mesh=50), 0.02) == (1001, 1e-3, 20, 500, 250)
 
 
@@ -62,7 +78,8 @@ def test_samples_of_an_inversion_have_a_largest_number() -> None:
         sampling.grid(problem(path=long, mesh=1, step=3e-6), 3e-6)
     told = "mesh: given 3e-06 s, which makes 9.17e+05 intervals over 2.75 s, expected at most 900000; take a coarser"
     assert str(refused.value).startswith(told)
-    assert sampling.grid(problem(path=long, mesh=1, step=3.1e-6), 3.1e-6)[0] == 645163  # below the number
+    # below the number
+    assert sampling.grid(problem(path=long, mesh=1, step=3.1e-6), 3.1e-6)[0] == 645163
 
 
 def test_a_residual_is_small_up_to_the_bound_of_the_method() -> None:
@@ -95,9 +112,13 @@ def test_arrays_are_what_has_entries_or_a_type_of_numbers() -> None:
 def test_moments_of_mass_that_rounding_left_are_zero_or_alike() -> None:
     """Relative to the largest second moment, to the mass, and to the root of their product."""
     small, mass = 0.9 * ROUNDING, 3.0
-    second = np.array([[4.0, 4 * small, 1e-9], [0.0, 4.0 + 4 * small, 0.0], [1e-9, 0.0, 4.0 - 4 * small]])
+    second = np.array(
+        [[4.0, 4 * small, 1e-9], [0.0, 4.0 + 4 * small, 0.0], [1e-9, 0.0, 4.0 - 4 * small]]
+    )
     first = np.array([np.sqrt(12.0) * small, np.sqrt(12.0) * 1.2 * ROUNDING, -0.5])
-    found = _tidy(Inertia(mass * small, first, second), Inertia(mass, np.zeros(3), np.diag([4.0, 4.0, 4.0])))
+    found = _tidy(
+        Inertia(mass * small, first, second), Inertia(mass, np.zeros(3), np.diag([4.0, 4.0, 4.0]))
+    )
     assert found.mass == 0.0 and found.first.tolist() == [0.0, first[1], -0.5]
     assert found.second.tolist() == [[4.0, 0.0, 1e-9], [0.0, 4.0, 0.0], [1e-9, 0.0, 4.0]]
     apart = np.diag([1.0, 1.0 + 1.5 * ROUNDING, -1.0])
@@ -109,7 +130,9 @@ def test_noise_of_drives_and_sensors_adds_up_by_hand(monkeypatch: pytest.MonkeyP
     """Angles as accelerations, ``w^2``; a sensor that is read less often counts more; torques through G."""
     sensor = Made(name="acc", channels=("acc.x", "acc.y"), sample_s=4e-3)
     model: Any = Made(sensors=[sensor])
-    hardware = Made(encoder_noise_rad=1e-4, encoder_resolution_rad=6e-4, torque_noise_Nm=0.3, sample_s=1e-3)
+    hardware = Made(
+        encoder_noise_rad=1e-4, encoder_resolution_rad=6e-4, torque_noise_Nm=0.3, sample_s=1e-3
+    )
     plan: Any = Made(hardware=hardware, motors=("m1",), samples=200, sensors=("acc.y",))
     monkeypatch.setattr(operating_points, "noises", lambda model, names: np.array([0.02]))
     monkeypatch.setattr(operating_points, "output_orders", lambda model, names: np.array([2, 0]))
@@ -138,23 +161,39 @@ def test_what_a_digest_depends_on(tmp_path: Path) -> None:
         return reader._canonical(root)
 
     text = canonical(entries)
-    assert json.loads(text) == entries and '"gravity": [0.0, 0.0, -9.81]' in text and '"flag": true' in text
+    assert (
+        json.loads(text) == entries
+        and '"gravity": [0.0, 0.0, -9.81]' in text
+        and '"flag": true' in text
+    )
     assert text.index('"a": 2.5') < text.index('"b": 1.0')
-    assert canonical(dict(reversed(entries.items())) | {"description": "b", "source": "c", "uncertainty": {}}) == text
+    assert (
+        canonical(
+            dict(reversed(entries.items())) | {"description": "b", "source": "c", "uncertainty": {}}
+        )
+        == text
+    )
     assert canonical(entries | {"name": "b"}) != text
 
 
-def test_a_log_file_that_cannot_be_written_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_file_that_cannot_be_written_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With the reason of the system, or what the error says; the computation continues."""
     told: list[str] = []
     monkeypatch.setattr(main, "_log", told.append)
     path = tmp_path / "run.log"
-    for error, reason in ((OSError(28, "No space left"), "No space left"), (OSError("gone"), "gone")):
+    for error, reason in (
+        (OSError(28, "No space left"), "No space left"),
+        (OSError("gone"), "gone"),
+    ):
 
         def write(text: str, error: OSError = error) -> None:
             raise error
 
-        log = main._Messages(argparse.Namespace(quiet=True, verbose=False, log=path), ["run", "a b"])
+        log = main._Messages(
+            argparse.Namespace(quiet=True, verbose=False, log=path), ["run", "a b"]
+        )
         log.close()
         log._file = Made(write=write)  # type: ignore[assignment]
         log.progress("a step")
@@ -165,11 +204,17 @@ def test_a_log_file_that_cannot_be_written_ends(tmp_path: Path, monkeypatch: pyt
     assert len(lines) == 2 and all(line.endswith(": run 'a b'") for line in lines)
 
 
-def test_progress_is_told_with_its_time_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_told_with_its_time_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """All lines of it are in the log file, each with its time."""
     told: list[str] = []
     monkeypatch.setattr(main, "_log", told.append)
-    for quiet, verbose, expected in ((False, False, ["a\nb", "c"]), (True, False, ["c"]), (False, True, None)):
+    for quiet, verbose, expected in (
+        (False, False, ["a\nb", "c"]),
+        (True, False, ["c"]),
+        (False, True, None),
+    ):
         path = tmp_path / f"{quiet}{verbose}.log"
         log = main._Messages(argparse.Namespace(quiet=quiet, verbose=verbose, log=path), ["run"])
         log.progress("a\nb")
@@ -179,14 +224,19 @@ def test_progress_is_told_with_its_time_or_not_at_all(tmp_path: Path, monkeypatc
         told.clear()
         lines = path.read_text().splitlines()
         assert [line.partition(" ")[2] for line in lines[1:]] == ["a", "b", "c"]
-        assert all(line[10] == "T" and line[23] in "+-" for line in lines)  # milliseconds and the zone
+        # milliseconds and the zone
+        assert all(line[10] == "T" and line[23] in "+-" for line in lines)
 
 
 def test_versions_of_benchmarks_by_name_and_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """The newest by default; a version that the name states, too, is the same."""
     monkeypatch.setattr(scenario_file, "_parse_table", lambda path, data, known: (path.name, known))
     found: Any = scenario_file.scenario
-    for name, version, number in (("four_mass", None, 2), ("four_mass@1", None, 1), ("four_mass@1", 1, 1)):
+    for name, version, number in (
+        ("four_mass", None, 2),
+        ("four_mass@1", None, 1),
+        ("four_mass@1", 1, 1),
+    ):
         assert found(name, version) == (f"four_mass-{number}.toml", ("four_mass", number))
     for name, version, given in (
         ("four_mass@99", None, 99),
@@ -200,9 +250,15 @@ def test_versions_of_benchmarks_by_name_and_number(monkeypatch: pytest.MonkeyPat
         with pytest.raises(ArgumentError) as refused:
             found(name, version)
         assert str(refused.value) == f"version of {name}: given {given}, expected one of 1, 2"
-    with pytest.raises(ArgumentError, match=r"scenario: given 'five_mass', expected .* or the path of a \.toml file"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"scenario: given 'five_mass', expected .* or the path of a \.toml file",
+    ):
         found("five_mass")
-    with pytest.raises(ArgumentError, match=r"version: given 1 with the file a\.toml, expected none: the file states"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"version: given 1 with the file a\.toml, expected none: the file states",
+    ):
         found("a.toml", 1)
 
 
@@ -225,15 +281,24 @@ def test_a_sweep_needs_an_empty_folder(tmp_path: Path) -> None:
 
     file, full = tmp_path / "file", tmp_path / "full"
     file.write_text("x")
-    with pytest.raises(ArgumentError, match=r"sweep: given .*file', which is a file, expected a folder"):
+    with pytest.raises(
+        ArgumentError, match=r"sweep: given .*file', which is a file, expected a folder"
+    ):
         made(file)
     full.mkdir()
     (full / ".hidden").write_text("x")
     assert made(full).shard_size == 3
     about = json.loads((full / "sweep.json").read_text())
-    assert about["cases"] == 7 and about["shard_size"] == 3 and about["grid"] == "digest" and about["code"] == "code"
+    assert (
+        about["cases"] == 7
+        and about["shard_size"] == 3
+        and about["grid"] == "digest"
+        and about["code"] == "code"
+    )
     other = tmp_path / "other"
     other.mkdir()
     (other / "seen").write_text("x")
-    with pytest.raises(ArgumentError, match="which contains other files, expected an empty or a new folder; take"):
+    with pytest.raises(
+        ArgumentError, match="which contains other files, expected an empty or a new folder; take"
+    ):
         made(other)

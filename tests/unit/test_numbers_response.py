@@ -15,7 +15,9 @@ END = 0.4
 C = np.array([[0.0, 0.0, 3.0, 0.0], [0.0, 0.0, 0.0, 2.0]])  # motors behind springs of two masses
 B = np.vstack([np.zeros((2, 2)), np.diag([3.0, 2.0])])
 K_S, K_P, K_I = np.array([2.0, 1.5]), np.array([12.0, 9.0]), np.array([7.0, 5.0])
-SPRINGS = np.array([[400.0, -100.0, -300.0, 0.0], [-100.0, 350.0, 0.0, -250.0], [-300.0, 0.0, 300.0, 0.0]])
+SPRINGS = np.array(
+    [[400.0, -100.0, -300.0, 0.0], [-100.0, 350.0, 0.0, -250.0], [-300.0, 0.0, 300.0, 0.0]]
+)
 SPRINGS = np.vstack([SPRINGS, [0.0, -250.0, 0.0, 250.0]])
 W, TWIST = (
     np.array([[1.0, 0.4, 0.0, 0.0], [0.0, 1.0, 0.1, 0.0], [0.2, 0.0, 0.0, 1.0]]),
@@ -31,7 +33,9 @@ def of_time(t: float) -> Any:
 
 def forces(t: float) -> np.ndarray:
     """Of two sources."""
-    return np.array([[np.sin(7 * t) + 1.0, t, 0.5, -0.3], [np.cos(5 * t), 0.2, -t, 1.0 + np.sin(t)]])
+    return np.array(
+        [[np.sin(7 * t) + 1.0, t, 0.5, -0.3], [np.cos(5 * t), 0.2, -t, 1.0 + np.sin(t)]]
+    )
 
 
 def late(t: float, errors: np.ndarray) -> np.ndarray:
@@ -47,10 +51,22 @@ def along(steps: int) -> Any:
     M, D, K = (np.array(x) for x in zip(*(of_time(x) for x in t), strict=True))
     feedback = Made(rows=C, speed_gain=K_S, position_gain=K_P, integral_gain=K_I)
     varying = {1: tuple(s * t[:, None, None] * np.diag([1.0, 2.0, 1.0, 0.5]) for s in VARYING)}
-    made = Made(t=t, M=M, D=D, K=K, B=np.tile(B, (len(t), 1, 1)), feedback=feedback, states=(), constant=CONSTANT)
+    made = Made(
+        t=t,
+        M=M,
+        D=D,
+        K=K,
+        B=np.tile(B, (len(t), 1, 1)),
+        feedback=feedback,
+        states=(),
+        constant=CONSTANT,
+    )
     made.force = np.array([forces(x) for x in t]).transpose(1, 0, 2)
     made.W, made.twist, made.varying = np.tile(W, (len(t), 1, 1)), TWIST, varying
-    made.linear, made.late = np.array([True, True]), lambda errors: np.array([late(x, errors) for x in t])
+    made.linear, made.late = (
+        np.array([True, True]),
+        lambda errors: np.array([late(x, errors) for x in t]),
+    )
     return made
 
 
@@ -76,13 +92,28 @@ def exact(errors: np.ndarray, first_order: bool) -> Any:
     def rate(t: float, x: np.ndarray) -> np.ndarray:
         M, D, K = matrices(t)
         d, v = x[:4], x[4:8]
-        return np.concatenate([v, np.linalg.solve(M, B @ torque(x) - force(t) - D @ v - K @ d), -K_P * (C @ d) - C @ v])
+        return np.concatenate(
+            [
+                v,
+                np.linalg.solve(M, B @ torque(x) - force(t) - D @ v - K @ d),
+                -K_P * (C @ d) - C @ v,
+            ]
+        )
 
     rest = np.linalg.solve(
-        np.block([[matrices(0.0)[2], -B], [C, np.zeros((2, 2))]]), np.concatenate([-force(0.0), [0, 0]])
+        np.block([[matrices(0.0)[2], -B], [C, np.zeros((2, 2))]]),
+        np.concatenate([-force(0.0), [0, 0]]),
     )
     begin = np.concatenate([rest[:4], np.zeros(4), rest[4:] / (K_S * K_I)])
-    x = solve_ivp(rate, (0.0, END), begin, t_eval=np.linspace(0.0, END, 21), method="DOP853", rtol=1e-7, atol=1e-10).y.T
+    x = solve_ivp(
+        rate,
+        (0.0, END),
+        begin,
+        t_eval=np.linspace(0.0, END, 21),
+        method="DOP853",
+        rtol=1e-7,
+        atol=1e-10,
+    ).y.T
     return x[:, :4] @ W.T, np.array([torque(row) for row in x]), x[:, :4] @ TWIST.T
 
 
@@ -91,8 +122,12 @@ def test_responses_of_robots_are_those_of_their_own_equations() -> None:
     errors = np.array([[0.3, -0.5], [-0.2, 0.4]])
     found = [responses.response(along(steps), errors) for steps in (100, 200)]
     for robot, error in enumerate(errors):
-        for name, expected in zip(("error", "tau_m", "deflection"), exact(error, False), strict=True):
-            coarse, fine = (getattr(x, name)[:: n // 20, robot] for x, n in zip(found, (100, 200), strict=True))
+        for name, expected in zip(
+            ("error", "tau_m", "deflection"), exact(error, False), strict=True
+        ):
+            coarse, fine = (
+                getattr(x, name)[:: n // 20, robot] for x, n in zip(found, (100, 200), strict=True)
+            )
             size = np.abs(expected).max()
             assert np.abs(coarse - expected).max() <= 8e-3 * size
             assert np.abs(fine - expected).max() <= 0.3 * np.abs(coarse - expected).max() + 1e-9
@@ -101,8 +136,12 @@ def test_responses_of_robots_are_those_of_their_own_equations() -> None:
 def test_responses_to_first_order_are_those_of_the_model() -> None:
     found = [responses.linear_response(along(steps)) for steps in (100, 200)]
     for source in range(2):
-        for name, expected in zip(("error", "tau_m", "deflection"), exact(np.eye(2)[source], True), strict=True):
-            coarse, fine = (getattr(x, name)[:: n // 20, source] for x, n in zip(found, (100, 200), strict=True))
+        for name, expected in zip(
+            ("error", "tau_m", "deflection"), exact(np.eye(2)[source], True), strict=True
+        ):
+            coarse, fine = (
+                getattr(x, name)[:: n // 20, source] for x, n in zip(found, (100, 200), strict=True)
+            )
             assert np.abs(coarse - expected).max() <= 8e-3 * np.abs(expected).max()
             assert np.abs(fine - expected).max() <= 0.3 * np.abs(coarse - expected).max() + 1e-9
 

@@ -44,7 +44,12 @@ def test_an_estimate_is_that_of_each_line(average: str) -> None:
     plain, given = fr.estimate(U, Y, average), fr.estimate(U, Y, average, noise)
     for a in range(k):
         for line in range(L):
-            each, UU, C, Cn = [], np.zeros((n, n), complex), np.zeros((n, n), complex), np.zeros((n, n), complex)
+            each, UU, C, Cn = (
+                [],
+                np.zeros((n, n), complex),
+                np.zeros((n, n), complex),
+                np.zeros((n, n), complex),
+            )
             for r in range(R):
                 u, y = U[a, r, :, line], Y[a, r, :, line]
                 one = np.hstack(list(u)) if average == "h1" else u.mean(axis=0)
@@ -70,8 +75,12 @@ def test_an_estimate_is_that_of_each_line(average: str) -> None:
                 assert_allclose(found.UU[a, line], UU, rtol=1e-9)
                 assert_allclose(found.C[a, line], cov, rtol=1e-9)
                 S = np.linalg.inv(UU).diagonal().real / periods
-                assert_allclose(found.variance[a, line], np.outer(cov.diagonal().real, S), rtol=1e-9)
-                spread = ((np.abs(all_of_them - all_of_them.mean(axis=0)) ** 2).sum(axis=0) / (R - 1)) / R
+                assert_allclose(
+                    found.variance[a, line], np.outer(cov.diagonal().real, S), rtol=1e-9
+                )
+                spread = (
+                    (np.abs(all_of_them - all_of_them.mean(axis=0)) ** 2).sum(axis=0) / (R - 1)
+                ) / R
                 assert_allclose(found.total[a, line], spread, rtol=1e-9)
     single = fr.estimate(U[:, :1, :1], Y[:, :1, :1], average)
     assert single.total is None
@@ -98,11 +107,14 @@ def test_a_period_that_differs_is_named() -> None:
     assert fr._check_repeats(some[:, :, 1:3], "data") == ()
     some[1, 0, 2, :, :, 1] += 0.1
     with pytest.raises(
-        ArgumentError, match=r"data: pose 2, .* by 0\.1[45] of the signal .*; leave out more transient peri"
+        ArgumentError,
+        match=r"data: pose 2, .* by 0\.1[45] of the signal .*; leave out more transient peri",
     ):
         fr._check_repeats(some, "data")
     (text,) = fr._check_repeats(complex_(rng, 1, 1, 5, 40, 2, 3), "data")
-    assert text.startswith("the periods differ from each other by 0.96 of") and text.endswith("than was excited")
+    assert text.startswith("the periods differ from each other by 0.96 of") and text.endswith(
+        "than was excited"
+    )
     exact = np.ones((1, 1, 3, 5, 1, 1), complex)
     assert fr._check_repeats(exact, "data") == ()
     exact[0, 0, 1] += 5e-3
@@ -121,7 +133,9 @@ def data() -> flexgen.Frf:
     C = root @ root.conj().swapaxes(-1, -2) * np.abs(made.G).mean() ** 2 * 1e-4
     UU = other @ other.conj().swapaxes(-1, -2)
     S = np.linalg.inv(UU).real / 5
-    variance = np.einsum("klaa->kla", C).real[..., :, None] * np.einsum("klbb->klb", S)[..., None, :]
+    variance = (
+        np.einsum("klaa->kla", C).real[..., :, None] * np.einsum("klbb->klb", S)[..., None, :]
+    )
     return replace(made, C=C, UU=UU, variance=variance, periods=5, experiments=3)
 
 
@@ -137,7 +151,8 @@ def test_springs_are_averaged_over_the_deflections_of_one_experiment() -> None:
     model = flexgen.read("four_mass", overrides={"element.mass1.dof.q1.gear.spring": spring})
     w = 2 * np.pi * np.array([0.11, 0.6, 1.7])
     made = exact_responses(model, poses_of(model, 1), w, Drive(0.0, 0.0))
-    u = np.array([[0.010, 0.020, 0.011], [0.015, 0.006, 0.02j], [0.012j, 0.03, 0.01]])  # (experiments, lines)
+    # (experiments, lines)
+    u = np.array([[0.010, 0.020, 0.011], [0.015, 0.006, 0.02j], [0.012j, 0.03, 0.01]])
     UU = (np.abs(u) ** 2).sum(axis=0)[None, :, None, None] + 0j
     vector = ParameterVector(model, ["q1.damping"])
     residuals = Residuals(vector, replace(made, UU=UU, experiments=3))
@@ -157,7 +172,9 @@ def test_a_response_of_zero_has_no_logarithm(data: flexgen.Frf) -> None:
     """Axes at right angles; the logarithm was minus infinity, and eigenvalues did not converge."""
     vector, G = ParameterVector(without_coulomb("planar5_nmp"), ["q1.stiffness"]), data.G.copy()
     G[1, 2, 0, 1] = 0.0
-    with pytest.raises(ArgumentError, match='residual: given "lls", expected "nls": a response is zero, and has no'):
+    with pytest.raises(
+        ArgumentError, match='residual: given "lls", expected "nls": a response is zero, and has no'
+    ):
         Residuals(vector, replace(data, G=G), "lls").weight(moved(vector), False)
     assert np.isfinite(Residuals(vector, replace(data, G=G)).weight(moved(vector), False)[0]).all()
 
@@ -183,13 +200,18 @@ def test_residuals_have_their_weights_and_derivatives(data: flexgen.Frf, kind: s
         if kind == "structured":
             C = (G[at] * torque**2) @ G[at].conj().T + data.w[at[1]] ** 4 * np.diag(output**2)
             wanted = (
-                np.linalg.inv(np.linalg.cholesky(C)) @ (G[at] - data.G[at]) @ np.linalg.cholesky(data.UU[at]) * 5**0.5
+                np.linalg.inv(np.linalg.cholesky(C))
+                @ (G[at] - data.G[at])
+                @ np.linalg.cholesky(data.UU[at])
+                * 5**0.5
             )
             assert_allclose(r[at], wanted, rtol=1e-6, atol=1e-6 * np.abs(wanted).max())
         elif kind == "nls":
             assert_allclose(r[at], (G[at] - data.G[at]) / np.sqrt(variance[at]))
         else:
-            assert_allclose(r[at], np.log(G[at] / data.G[at]) * np.abs(data.G[at]) / np.sqrt(variance[at]))
+            assert_allclose(
+                r[at], np.log(G[at] / data.G[at]) * np.abs(data.G[at]) / np.sqrt(variance[at])
+            )
     for i, h in enumerate((1e-5, 1e-5, 1e-5, 1e-8)):
         e = h * (np.arange(4) == i)
         slope = (made.weight(x + e, False)[0] - made.weight(x - e, False)[0]) / (2 * h)
@@ -224,7 +246,9 @@ def test_levels_of_noise_are_found_in_exact_covariances(data: flexgen.Frf) -> No
     powers = weights.output_powers(data, data.w)
     assert_allclose(powers, np.stack([data.w**4] * 2, axis=1))
     C = structured_covariance(data.G, powers, torque, output)
-    plain = (data.G * torque) @ data.G.conj().swapaxes(-1, -2) + np.einsum("lo,ab->lab", powers[:, :1] * 0, np.eye(2))
+    plain = (data.G * torque) @ data.G.conj().swapaxes(-1, -2) + np.einsum(
+        "lo,ab->lab", powers[:, :1] * 0, np.eye(2)
+    )
     plain = plain + np.array([np.diag(w**4 * output) for w in data.w])
     assert_allclose(C, plain, rtol=1e-8, atol=1e-8 * np.abs(plain).max())
     assert (np.einsum("klaa->kla", C - plain).real > 0).all()
@@ -241,7 +265,10 @@ def test_levels_of_noise_are_found_in_exact_covariances(data: flexgen.Frf) -> No
     assert_allclose(weights._smooth_variances(variance, data.G), relative * np.abs(data.G) ** 2)
     model = without_coulomb("planar5_nmp")
     total = Residuals(ParameterVector(model, ["stiffness"]), replace(data, total=variance)).variance
-    assert_allclose(total, np.maximum(relative * np.abs(data.G) ** 2, data.variance) + 1e-18 * np.abs(data.G) ** 2)
+    assert_allclose(
+        total,
+        np.maximum(relative * np.abs(data.G) ** 2, data.variance) + 1e-18 * np.abs(data.G) ** 2,
+    )
 
 
 def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
@@ -273,7 +300,11 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
         ({"UU": large}, {}, r"G, UU, C: expected numbers between 0 and 1e\+100"),
         ({"G": 0 * data.G}, {}, "G, UU, C: expected numbers between 0"),
         ({"G": 1e130 * data.G}, {}, "G, UU, C: expected numbers between 0"),
-        ({}, {"periods": 0}, "periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0"),
+        (
+            {},
+            {"periods": 0},
+            "periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0",
+        ),
         ({}, {"experiments": 0}, "periods, experiments, sample_s"),
         ({}, {"delay_s": -1e-9}, "periods, experiments, sample_s"),
         ({}, {"sample_s": float("inf")}, "periods, experiments, sample_s"),
@@ -300,13 +331,20 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
     fr._check_motion([None, None, None], k, 4, n)
     wide = {"G": np.ones((k, 4, n + 3, n), complex), "variance": np.ones((k, 4, n + 3, n))}
     wide["C"] = np.tile(np.eye(n + 3, dtype=complex), (k, 4, 1, 1))
-    plain, named = {x: y for x, y in arrays.items() if x != "total"}, {"sensors": ["a.x", "b.y", "c"]}
+    plain, named = (
+        {x: y for x, y in arrays.items() if x != "total"},
+        {"sensors": ["a.x", "b.y", "c"]},
+    )
     for orders in ([0, 1, 2], [2, 2, 0], [0, 0, 0]):
-        assert flexgen.Frf.from_data(plain | wide, meta | named | {"orders": orders}).orders == tuple(orders)
+        assert flexgen.Frf.from_data(
+            plain | wide, meta | named | {"orders": orders}
+        ).orders == tuple(orders)
     for orders in ([0, 1, 3], [-1, 1, 2], [0, 1]):
         with pytest.raises(ValueError, match="arrays of different sizes"):
             flexgen.Frf.from_data(plain | wide, meta | named | {"orders": orders})
-    kept = flexgen.Frf.from_data({**arrays, "C": 0 * data.C}, {**meta, "sample_s": 0.0, "delay_s": 0.0, "periods": 1})
+    kept = flexgen.Frf.from_data(
+        {**arrays, "C": 0 * data.C}, {**meta, "sample_s": 0.0, "delay_s": 0.0, "periods": 1}
+    )
     assert kept.sample_s == kept.delay_s == 0.0
     for pose in (-1, 2):
         with pytest.raises(ArgumentError, match=rf"pose: given {pose}, expected 0 to 1"):
@@ -320,24 +358,34 @@ def test_an_experiment_gives_its_hold_its_delay_and_its_warnings() -> None:
     measured = flexgen.measure(plan, model, seed=1)
     experiment: Experiment = replace(measured, offsets=None, beside=None)
     found = flexgen.frf(experiment)
-    assert (found.sample_s, found.periods, found.experiments) == (plan.hardware.sample_s, 3, 2) and found.total is None
+    assert (found.sample_s, found.periods, found.experiments) == (
+        plan.hardware.sample_s,
+        3,
+        2,
+    ) and found.total is None
     assert flexgen.frf(replace(experiment, hold="none")).sample_s == 0.0
     w = 2 * np.pi * plan.frequencies
     Y, U = (x[0, 0].mean(axis=1).transpose(1, 2, 0) for x in (experiment.q_m, experiment.tau_m))
     by_hand = -(w[:, None, None] ** 2) * Y @ np.linalg.inv(U)
     assert_allclose(found.G[0], by_hand, rtol=1e-6)
     turned = flexgen.frf(replace(experiment, periodic=False))
-    assert turned.warnings[0].startswith("the motion is not periodic: estimated from 3 windowed segments; leakage")
+    assert turned.warnings[0].startswith(
+        "the motion is not periodic: estimated from 3 windowed segments; leakage"
+    )
     factor = turned.variance / flexgen.frf(experiment, average="h1").variance
     assert_allclose(factor, 1 + 2 / 36, rtol=1e-9)
     torque_only = flexgen.frf(replace(experiment, lines_by_torque=True))
-    assert torque_only.warnings[-1].startswith(f"the {len(w)} lines are those where the torques are large: distortion")
+    assert torque_only.warnings[-1].startswith(
+        f"the {len(w)} lines are those where the torques are large: distortion"
+    )
     with pytest.raises(
-        ArgumentError, match=r"torques were at their limits at the poses 1; a saturated motor is not lin"
+        ArgumentError,
+        match=r"torques were at their limits at the poses 1; a saturated motor is not lin",
     ):
         flexgen.frf(replace(experiment, saturated=np.ones(1, np.int64)))
     with pytest.raises(
-        ArgumentError, match=r"transients: .* has no spectra beside the lines; keep them with measure\("
+        ArgumentError,
+        match=r"transients: .* has no spectra beside the lines; keep them with measure\(",
     ):
         flexgen.frf(experiment, transients=True)
     named = replace(plan, sensors=("acc.x",))
@@ -351,9 +399,15 @@ def test_an_experiment_gives_its_hold_its_delay_and_its_warnings() -> None:
     ):
         with pytest.raises(ArgumentError, match=text):
             flexgen.frf(replace(experiment, **changes))
-    with pytest.raises(ArgumentError, match="given 'harmonic' with sensors, expected as many outputs as motors"):
-        flexgen.frf(replace(experiment, plan=named, signals=still + 1.0, orders=(0,)), average="harmonic")
-    sensed = flexgen.frf(replace(experiment, plan=named, signals=2 * experiment.q_m[..., :1], orders=(1,)))
+    with pytest.raises(
+        ArgumentError, match="given 'harmonic' with sensors, expected as many outputs as motors"
+    ):
+        flexgen.frf(
+            replace(experiment, plan=named, signals=still + 1.0, orders=(0,)), average="harmonic"
+        )
+    sensed = flexgen.frf(
+        replace(experiment, plan=named, signals=2 * experiment.q_m[..., :1], orders=(1,))
+    )
     assert_allclose(sensed.G[0, :, 2], 2 * found.G[0, :, 0] / (1j * w[:, None]), rtol=1e-9)
     noise = np.einsum("klaa->kla", found.C).real
     power = (np.abs(w[:, None] ** 2 * experiment.q_m) ** 2).mean(axis=(1, 2, 3))
@@ -362,7 +416,9 @@ def test_an_experiment_gives_its_hold_its_delay_and_its_warnings() -> None:
 
 def test_drives_and_sensors_are_late_by_their_delays() -> None:
     w = np.array([10.0, 200.0])
-    drive = with_drive(Drive(1e-3, 2e-3, (1.5, 1.0)), {"m2.torque_constant": 0.9, "acc.delay": 4e-3}, ("m1", "m2"))
+    drive = with_drive(
+        Drive(1e-3, 2e-3, (1.5, 1.0)), {"m2.torque_constant": 0.9, "acc.delay": 4e-3}, ("m1", "m2")
+    )
     assert drive == Drive(1e-3, 2e-3, (1.5, 0.9), {"acc": 4e-3})
     late = with_drive(drive, {"delay": 7e-3, "acc.delay": 5e-3}, ("m1", "m2"))
     assert late == Drive(1e-3, 7e-3, (1.5, 0.9), {"acc": 5e-3})
@@ -384,9 +440,19 @@ def test_drives_and_sensors_are_late_by_their_delays() -> None:
 
 def test_a_vector_of_parameters_has_scales_bounds_and_messages() -> None:
     """Logarithms and lines, gains of drives, ties, and each refusal with its words."""
-    model = flexgen.read("planar5_nmp", overrides={"sensor": [{"name": "seen", "type": "tracker", "unit": "m"}]})
+    model = flexgen.read(
+        "planar5_nmp", overrides={"sensor": [{"name": "seen", "type": "tracker", "unit": "m"}]}
+    )
     cascade = Cascade(np.array([1.0, 2.0]), np.array([3.0, 4.0]), np.array([5.0, 0.0]))
-    free = ["q1.stiffness", "delay", "speed_gain", "integral_gain", "seen.delay", "torque_constant", "payload.com_x"]
+    free = [
+        "q1.stiffness",
+        "delay",
+        "speed_gain",
+        "integral_gain",
+        "seen.delay",
+        "torque_constant",
+        "payload.com_x",
+    ]
     vector = ParameterVector(
         model, free, controller=cascade, start={"delay": 2e-3}, bounds={"q1.stiffness": (1e3, 1e9)}
     )
@@ -394,10 +460,21 @@ def test_a_vector_of_parameters_has_scales_bounds_and_messages() -> None:
     k = vector.names.index("q1.stiffness")
     value = vector.unknowns[k].start
     assert logs["delay"] == ("linear", 2e-3, 1e-2) and logs["seen.delay"] == ("linear", 0.0, 1e-2)
-    assert logs["payload.com_x"][0::2] == ("linear", 1e3) and logs["q1.stiffness"] == ("log", value, 2.0)
-    assert logs["m1.speed_gain"] == ("log", 3.0, 2.0) and logs["m2.torque_constant"] == ("log", 1.0, 2.0)
+    assert logs["payload.com_x"][0::2] == ("linear", 1e3) and logs["q1.stiffness"] == (
+        "log",
+        value,
+        2.0,
+    )
+    assert logs["m1.speed_gain"] == ("log", 3.0, 2.0) and logs["m2.torque_constant"] == (
+        "log",
+        1.0,
+        2.0,
+    )
     assert "m1.integral_gain" in logs and "m2.integral_gain" not in logs
-    assert vector.unknowns[vector.names.index("m1.speed_gain")].parameter.doc == "speed gain of the drive of m1"
+    assert (
+        vector.unknowns[vector.names.index("m1.speed_gain")].parameter.doc
+        == "speed gain of the drive of m1"
+    )
     x = vector.start
     lower, upper = vector.bounds
     assert x[k] == pytest.approx(np.log(value))
@@ -407,27 +484,67 @@ def test_a_vector_of_parameters_has_scales_bounds_and_messages() -> None:
     d = vector.names.index("delay")
     assert (x[d], lower[d], upper[d]) == (2e-3, -np.inf, np.inf)
     at = x + 0.1
-    assert vector.values(at)[k] == pytest.approx(value * np.exp(0.1)) and vector.values(at)[d] == pytest.approx(0.102)
-    assert vector.dvalues(at)[k] == pytest.approx(value * np.exp(0.1)) and vector.dvalues(at)[d] == 1.0
+    assert vector.values(at)[k] == pytest.approx(value * np.exp(0.1)) and vector.values(at)[
+        d
+    ] == pytest.approx(0.102)
+    assert (
+        vector.dvalues(at)[k] == pytest.approx(value * np.exp(0.1)) and vector.dvalues(at)[d] == 1.0
+    )
     assert_allclose(vector.x(vector.values(at)), at)
-    tied = ParameterVector(model, ["stiffness"], ties={"q2.stiffness": "q1.stiffness"}, fixed=["q3.stiffness"])
+    tied = ParameterVector(
+        model, ["stiffness"], ties={"q2.stiffness": "q1.stiffness"}, fixed=["q3.stiffness"]
+    )
     assert tied.names == ("q1.stiffness",) and len(tied) == 1
     named = tied.named(tied.start + np.log(3.0))
     second = model.coordinates[1].dof
     assert second is not None and second.gear is not None
-    assert named == pytest.approx({"q1.stiffness": 3 * value, "q2.stiffness": 3 * second.gear.spring.stiffness})
+    assert named == pytest.approx(
+        {"q1.stiffness": 3 * value, "q2.stiffness": 3 * second.gear.spring.stiffness}
+    )
     refused: list[tuple[list[str], dict[str, Any], str]] = [
         ([], {}, "free: given no parameter, expected some, such as 'stiffness', 'q1.damping'"),
-        (["q1.stiffness"], {"start": {"q9": 1.0}}, "start: given 'q9', expected one of the free q1.stiffness"),
-        (["q1.stiffness"], {"ties": {"q2.stiffness": "q3"}}, "ties: given 'q3', expected one of the free q1.stiffness"),
-        (["m1.speed_gain"], {}, "free: given 'm1.speed_gain', which only 'refine' can fit: it simulates the drives"),
-        (["m9.speed_gain"], {}, r"free: given 'm9.speed_gain', expected one of m1.torque_constant, m2"),
+        (
+            ["q1.stiffness"],
+            {"start": {"q9": 1.0}},
+            "start: given 'q9', expected one of the free q1.stiffness",
+        ),
+        (
+            ["q1.stiffness"],
+            {"ties": {"q2.stiffness": "q3"}},
+            "ties: given 'q3', expected one of the free q1.stiffness",
+        ),
+        (
+            ["m1.speed_gain"],
+            {},
+            "free: given 'm1.speed_gain', which only 'refine' can fit: it simulates the drives",
+        ),
+        (
+            ["m9.speed_gain"],
+            {},
+            r"free: given 'm9.speed_gain', expected one of m1.torque_constant, m2",
+        ),
         (["x.delay"], {}, "free: given 'x.delay', expected one of seen.delay"),
-        (["q1.stiffness"], {"start": {"q1.stiffness": 0.0}}, "start of q1.stiffness: given 0.0 .* a number > 0"),
-        (["q1.stiffness"], {"bounds": {"q1.stiffness": (0.0, 1e9)}}, "interval that contains the start .*, above 0"),
-        (["q1.stiffness"], {"bounds": {"q1.stiffness": (1.0, 2.0)}}, "bounds of q1.stiffness: given 1.0 to 2.0"),
+        (
+            ["q1.stiffness"],
+            {"start": {"q1.stiffness": 0.0}},
+            "start of q1.stiffness: given 0.0 .* a number > 0",
+        ),
+        (
+            ["q1.stiffness"],
+            {"bounds": {"q1.stiffness": (0.0, 1e9)}},
+            "interval that contains the start .*, above 0",
+        ),
+        (
+            ["q1.stiffness"],
+            {"bounds": {"q1.stiffness": (1.0, 2.0)}},
+            "bounds of q1.stiffness: given 1.0 to 2.0",
+        ),
         (["delay"], {"bounds": {"delay": (1.0, 2.0)}}, r"interval that contains the start 0\.0$"),
-        (["delay"], {"priors": {"delay": 0.0}}, "prior of delay: given a standard deviation of 0.0, expected"),
+        (
+            ["delay"],
+            {"priors": {"delay": 0.0}},
+            "prior of delay: given a standard deviation of 0.0, expected",
+        ),
     ]
     for names, more, text in refused:
         with pytest.raises(ArgumentError, match=text):

@@ -39,7 +39,8 @@ from flexgen.spec.tables import Table, parse_bytes
 @pytest.mark.parametrize(
     ("gaps", "solved", "doubtful"),
     [
-        ((2e-9, 1.0), False, True),  # the ratio of the singular values of ((1, 1), (1, 1 + g)) is g/4
+        # the ratio of the singular values of ((1, 1), (1, 1 + g)) is g/4
+        ((2e-9, 1.0), False, True),
         ((8e-9, 1.0), True, True),
         ((2e-5, 1.0), True, True),
         ((8e-5, 1.0), True, False),
@@ -56,7 +57,10 @@ def test_a_motion_is_doubtful_where_its_rows_are_nearly_singular(
     made: Any = object.__new__(Reduction)
     vars(made).update(model=Made(n_a=2), n_y=1, i_e=(1,))
     vars(made).update(_at=lambda chain: {"G": G.reshape(2, 4), "W": np.ones((2, 2)), **zeros})
-    vars(made).update(_picking=lambda W: np.broadcast_to(np.diag([2.0, 1.0]), (2, 2, 2)), _motion=lambda chain: chain)
+    vars(made).update(
+        _picking=lambda W: np.broadcast_to(np.diag([2.0, 1.0]), (2, 2, 2)),
+        _motion=lambda chain: chain,
+    )
     sample: Any = Made(derivative=lambda k: np.full((2, 1), float(k)))
     q, v_e = np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[0.5], [0.6]])
     found, seen = made.motion(sample, q, v_e)
@@ -66,7 +70,9 @@ def test_a_motion_is_doubtful_where_its_rows_are_nearly_singular(
         assert_allclose(found[1], [[0.5, 0.5], [0.5, 0.6]])
         for k in (2, 3, 4):
             right = np.array([k - 0.1 * k, -0.1 * (k - 2)])
-            assert_allclose(np.einsum("kij,kj->ki", G, found[k]), np.tile(right, (2, 1)), rtol=1e-4, atol=1e-9)
+            assert_allclose(
+                np.einsum("kij,kj->ki", G, found[k]), np.tile(right, (2, 1)), rtol=1e-4, atol=1e-9
+            )
 
 
 # --- laws -------------------------------------------------------------------------------------------------------------
@@ -74,38 +80,62 @@ def test_a_motion_is_doubtful_where_its_rows_are_nearly_singular(
 def test_the_least_power_of_a_force_is_an_eigenvalue(seed: int) -> None:
     """``min Re(f^* v) / |v|^2`` for ``v = Q f``, sizes of forces far apart."""
     rng = np.random.default_rng(seed)
-    Q = (rng.normal(size=(4, 4)) + 1j * rng.normal(size=(4, 4))) * np.array([0.1, 1.0, 3.0, 10.0])[:, None]
+    Q = (rng.normal(size=(4, 4)) + 1j * rng.normal(size=(4, 4))) * np.array([0.1, 1.0, 3.0, 10.0])[
+        :, None
+    ]
     Q = Q + 3 * np.diag(np.abs(np.diag(Q)))
-    assert passivity._least(Q) == pytest.approx(eigh((Q + Q.conj().T) / 2, Q.conj().T @ Q)[0][0], rel=1e-7)
+    assert passivity._least(Q) == pytest.approx(
+        eigh((Q + Q.conj().T) / 2, Q.conj().T @ Q)[0][0], rel=1e-7
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
-def test_a_law_takes_from_the_passivity_of_a_damped_joint(delay: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_takes_from_the_passivity_of_a_damped_joint(
+    delay: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """``(d + Re((D + K/s) e^(-s t)))/l^2``: damping d, a fast law with D < 0, torques t late, a tool at l."""
     m, d, K, D, length, T = 2.0, 8.0, 100.0, -3.0, 0.5, 1e-5
     none = np.zeros((1, 0))
     push = np.array([[0.0, 0.0, 0.0], [length / m, 0.0, 0.0]])
-    A, B, C = np.array([[0.0, 1.0], [0.0, -d / m]]), np.array([[0.0], [1 / m]]), np.array([[1.0, 0.0]])
+    A, B, C = (
+        np.array([[0.0, 1.0], [0.0, -d / m]]),
+        np.array([[0.0], [1 / m]]),
+        np.array([[1.0, 0.0]]),
+    )
     robot = PoseModel(A, B, push, none, C, none, none, none)
     law = Linear(np.zeros((1, 1)), np.ones((1, 1)), np.array([[-D / T]]), np.array([[K + D / T]]))
-    monkeypatch.setattr(passivity, "evaluate", lambda function, q: [np.array([[length, 0, 0, 0, 0, 0]])])
+    monkeypatch.setattr(
+        passivity, "evaluate", lambda function, q: [np.array([[length, 0, 0, 0, 0, 0]])]
+    )
     monkeypatch.setattr(passivity, "_check_signals", lambda *given: None)
     equations: Any = Made(model=Made(n_a=1), function=lambda name: name)
     hz = np.array([0.5, 2.0, 5.0])
     s = 2j * np.pi * hz
-    found = passivity._margins(LoopAtPose(robot, law, T, delay), equations, {"q_a": np.zeros(1)}, hz)
+    found = passivity._margins(
+        LoopAtPose(robot, law, T, delay), equations, {"q_a": np.zeros(1)}, hz
+    )
     expected = (d + ((D + K / s) * np.exp(-s * delay)).real) / length**2
     assert_allclose(found, expected, rtol=2e-3, atol=1e-2)
-    assert_allclose(expected, (d + D - K * delay) / length**2, rtol=5e-3)  # K: a spring with late forces
+    # K: a spring with late forces
+    assert_allclose(expected, (d + D - K * delay) / length**2, rtol=5e-3)
 
 
 def test_controllers_with_signals_that_a_force_changes_at_once_have_no_passivity() -> None:
     """A torque behind a spring does not jump with a force: what the force does to the links takes time. Others do."""
     sensors = [
         {"name": "torque1", "type": "joint_torque", "coordinate": "q1", "unit": "N m"},
-        {"name": "acc", "type": "accelerometer", "element": "tool", "axes": ["x", "z"], "unit": "m/s^2"},
+        {
+            "name": "acc",
+            "type": "accelerometer",
+            "element": "tool",
+            "axes": ["x", "z"],
+            "unit": "m/s^2",
+        },
     ]
-    equations, q = derive(flexgen.read("elbow", overrides={"sensor": sensors})), np.array([0.3, 0.5])
+    equations, q = (
+        derive(flexgen.read("elbow", overrides={"sensor": sensors})),
+        np.array([0.3, 0.5]),
+    )
     mass, J = (np.array(equations.function(name)(q)) for name in ("mass_matrix", "jacobian"))
     push = np.zeros((8, 3))
     push[4:6] = np.linalg.solve(mass, J[:3].T)
@@ -128,10 +158,14 @@ def test_controllers_with_signals_that_a_force_changes_at_once_have_no_passivity
     for signal, name in ((3, r"acc\.x"), (4, r"acc\.z")):
         for memory in (False, True):
             with pytest.raises(
-                ArgumentError, match=f"controller that uses {name}, which a force on the tool changes a"
+                ArgumentError,
+                match=f"controller that uses {name}, which a force on the tool changes a",
             ):
                 check(0, signal, memory=memory)
-    with pytest.raises(ArgumentError, match="controller that uses torque1, which a force on the tool changes at once"):
+    with pytest.raises(
+        ArgumentError,
+        match="controller that uses torque1, which a force on the tool changes at once",
+    ):
         check(2, scale=0.5)
 
 
@@ -142,14 +176,28 @@ def test_torques_of_gears_need_a_sensor_each_without_delay() -> None:
         return Made(type=kind, place=place, delay_s=delay, channels=("a",) * channels)
 
     def channels(*sensors: Any, gain: float = 2.0) -> list[int]:
-        own: Any = Made(sensors=sensors, n_m=2, i_g=model.i_g, i_m=model.i_m, coordinates=model.coordinates, name="arm")
+        own: Any = Made(
+            sensors=sensors,
+            n_m=2,
+            i_g=model.i_g,
+            i_m=model.i_m,
+            coordinates=model.coordinates,
+            name="arm",
+        )
         law: Any = object.__new__(Impedance)
         object.__setattr__(law, "torque_gain", gain)
         return Impedance._torque_channels(law, own)
 
     assert channels(gain=0.0) == []
-    both = (sensor("wrench", "tool", channels=6), sensor("joint_torque", "q2"), sensor("gyro", "q1", channels=3))
-    assert channels(*both, sensor("joint_torque", "q1"), sensor("joint_torque", "q1")) == [2 + 6 + 1 + 3, 2 + 6]
+    both = (
+        sensor("wrench", "tool", channels=6),
+        sensor("joint_torque", "q2"),
+        sensor("gyro", "q1", channels=3),
+    )
+    assert channels(*both, sensor("joint_torque", "q1"), sensor("joint_torque", "q1")) == [
+        2 + 6 + 1 + 3,
+        2 + 6,
+    ]
     text = r"^controller, torque_gain: given 2 and the model arm without a sensor of type joint_torque, with delay_s = "
     with pytest.raises(ArgumentError, match=text + r"0, at q1, expected one at each gear$"):
         channels(*both, sensor("joint_torque", "q1", 1e-3))
@@ -207,7 +255,12 @@ def test_speeds_between_samples_are_cubic_and_reverse_at_their_roots() -> None:
     roots = [[0.25, 0.5, 0.75], [-0.5, 0.4, 2.0], [1.5, 3.0, -1.0], [0.2, 0.9, 5.0]]
     cubic = np.array([Polynomial.fromroots(each).coef for each in roots]).T * [1.0, -3.0, 2.0, 0.1]
     found = lugre._reversals(cubic, 1e-9)
-    expected: Any = [[0, 0.25, 0.5, 0.75, 1], [0, 0.4, 1, 1, 1], [0, 1, 1, 1, 1], [0, 0.2, 0.9, 1, 1]]
+    expected: Any = [
+        [0, 0.25, 0.5, 0.75, 1],
+        [0, 0.4, 1, 1, 1],
+        [0, 1, 1, 1, 1],
+        [0, 0.2, 0.9, 1, 1],
+    ]
     assert_allclose(found.T, expected, atol=1e-9)
     assert_allclose(lugre._reversals(cubic, 1e9)[1:], 1.0)
     low, high = np.array([0.0, 0.1, 0.2, 0.5]), np.array([1.0, 0.4, 0.9, 0.6])
@@ -226,9 +279,14 @@ def test_time_constants_since_a_reversal() -> None:
 
 
 def test_torques_between_samples_are_quintics() -> None:
-    h, gears = 0.02, [Polynomial([1, -2, 3, 4, -5, 6]), Polynomial([0, 1, 0, -2, 0, 3])]  # in the part of the step
-    left, right = (np.array([[p.deriv(k)(x) / h**k for k in range(3)] for p in gears]) for x in (0.0, 1.0))
-    assert_allclose(hysteretic_gears._quintic(h, left, right), np.array([p.coef for p in gears]).T, atol=1e-10)
+    # in the part of the step
+    h, gears = 0.02, [Polynomial([1, -2, 3, 4, -5, 6]), Polynomial([0, 1, 0, -2, 0, 3])]
+    left, right = (
+        np.array([[p.deriv(k)(x) / h**k for k in range(3)] for p in gears]) for x in (0.0, 1.0)
+    )
+    assert_allclose(
+        hysteretic_gears._quintic(h, left, right), np.array([p.coef for p in gears]).T, atol=1e-10
+    )
 
 
 # --- identification ---------------------------------------------------------------------------------------------------
@@ -241,15 +299,25 @@ def test_drives_of_recordings_have_gains_filters_and_noise() -> None:
     hardware, found = drive("delay_s = 2e-4")
     assert (hardware.sample_s, hardware.delay_s) == (1e-3, 2e-4)
     assert not found.position_gain.any() and not found.speed_gain.any() and found.filters == ()
-    assert_array_equal([hardware.encoder_resolution_rad, hardware.encoder_noise_rad, hardware.torque_noise_Nm], 0.0)
+    assert_array_equal(
+        [hardware.encoder_resolution_rad, hardware.encoder_noise_rad, hardware.torque_noise_Nm], 0.0
+    )
     gains = "[drive]\nposition_gain = [3, 0]\nspeed_gain = [1, 2]\n"
     noise = "encoder_resolution_rad = 1e-4\nencoder_noise_rad = 2e-4\ntorque_noise_Nm = 0.3\n"
     filters = "[drive.low_pass]\nfrequency_hz = 40\ndamping = 0.8\n"
     filters += "[drive.notch]\nfrequency_hz = 12\nzero_damping = 0.05\npole_damping = 0.5\n"
     hardware, found = drive(gains + noise)
-    values = [hardware.encoder_resolution_rad, hardware.encoder_noise_rad, hardware.torque_noise_Nm, hardware.delay_s]
+    values = [
+        hardware.encoder_resolution_rad,
+        hardware.encoder_noise_rad,
+        hardware.torque_noise_Nm,
+        hardware.delay_s,
+    ]
     assert_array_equal(values, [1e-4, 2e-4, 0.3, 0.0])
-    assert_array_equal(np.array([found.position_gain, found.speed_gain, found.integral_gain]), [[3, 0], [1, 2], [0, 0]])
+    assert_array_equal(
+        np.array([found.position_gain, found.speed_gain, found.integral_gain]),
+        [[3, 0], [1, 2], [0, 0]],
+    )
     _, found = drive(gains + "integral_gain = [5, 6]\n")
     assert_array_equal(found.integral_gain, [5, 6])
     with pytest.raises(ModelError, match=r"speed_gain: .*expected numbers > 0"):
@@ -288,7 +356,9 @@ def test_bounds_of_commands_are_one_for_each_joint() -> None:
     assert command._limit(model, "speed", None) is None
     assert_array_equal(command._limit(model, "speed", [1, 2]), [1.0, 2.0])
     for bad in ([1.0], [1.0, 0.0], [1.0, np.inf], [[1.0, 2.0]]):
-        with pytest.raises(ArgumentError, match=r"^speed: given .*, expected 2 numbers > 0, one for each joint$"):
+        with pytest.raises(
+            ArgumentError, match=r"^speed: given .*, expected 2 numbers > 0, one for each joint$"
+        ):
             command._limit(model, "speed", bad)
     servo: Any = Made(sample_time=4e-3)
     for period in (4e-3, 4e-3 * (1 - 1e-10), command.LONGEST_S):
@@ -310,10 +380,14 @@ def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(command, "fit_within", fit_within)
     B = csc_matrix(np.eye(4))
-    found, active = command._fit(B, r, h, (np.array([20.1, 3.1]), np.array([101.0, 11.0])), ["q1", "q2"])
+    found, active = command._fit(
+        B, r, h, (np.array([20.1, 3.1]), np.array([101.0, 11.0])), ["q1", "q2"]
+    )
     assert_allclose(found, r, atol=1e-12)
     assert active == () and not within
-    found, active = command._fit(B, r, h, (np.array([19.9, 3.1]), np.array([101.0, 9.9])), ["q1", "q2"])
+    found, active = command._fit(
+        B, r, h, (np.array([19.9, 3.1]), np.array([101.0, 9.9])), ["q1", "q2"]
+    )
     assert active == ("speed of q1", "acceleration of q2") and (found == 1.0).all()
     assert command._fit(B, r, h, (None, np.array([99.0, 9.0])), ["q1", "q2"])[1] == (
         "acceleration of q1",
@@ -324,18 +398,31 @@ def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -
 # --- exports ----------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("fastest", "step"),
-    [(10.0, 1e-3), (60.0, 5e-4), (100.0, 5e-4), (101.0, 2e-4), (500.0, 1e-4), (3e4, 1e-6), (0.0, 1e-3)],
+    [
+        (10.0, 1e-3),
+        (60.0, 5e-4),
+        (100.0, 5e-4),
+        (101.0, 2e-4),
+        (500.0, 1e-4),
+        (3e4, 1e-6),
+        (0.0, 1e-3),
+    ],
 )
-def test_steps_of_a_block_are_short_numbers(fastest: float, step: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_of_a_block_are_short_numbers(
+    fastest: float, step: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The largest 1, 2 or 5 times a power of ten below a twentieth of the shortest time constant, and 1 ms."""
-    K = np.array([[fastest**2, 0.0, 0.5 * fastest, 0.0], [0.0, 0.0, 0.0, 0.0]])  # M a + R x = 0, M of diagonal 1, 2
+    # M a + R x = 0, M of diagonal 1, 2
+    K = np.array([[fastest**2, 0.0, 0.5 * fastest, 0.0], [0.0, 0.0, 0.0, 0.0]])
     asked: list[Any] = []
 
     def evaluate(function: str, *given: Any) -> tuple[np.ndarray, ...]:
         asked.append((function, given))
         if function == "accelerations":
             return np.zeros((1, 2)), np.zeros((1, 0))
-        return np.diag([1.0, 2.0]).reshape(1, 4), np.hstack([K * [[1.0], [2.0]], np.ones((2, 3))])[None]
+        return np.diag([1.0, 2.0]).reshape(1, 4), np.hstack([K * [[1.0], [2.0]], np.ones((2, 3))])[
+            None
+        ]
 
     monkeypatch.setattr(plant, "evaluate", evaluate)
     equations: Any = Made(model=Made(dof=2), parameters=[Made(value=3.0)])
@@ -355,9 +442,19 @@ def test_outputs_of_a_block_are_named_in_their_order(monkeypatch: pytest.MonkeyP
     names = [f"motor.{m}.{x}" for x in ("angle", "speed") for m in ("m1", "m2")]
     names += [f"tool.position[{i}]" for i in (1, 2, 3)]
     names += [f"tool.rotation[{i},{j}]" for i in (1, 2, 3) for j in (1, 2, 3)]
-    names += [f"tool.velocity[{i}]" for i in (1, 2, 3)] + [f"tool.angular_velocity[{i}]" for i in (1, 2, 3)]
+    names += [f"tool.velocity[{i}]" for i in (1, 2, 3)] + [
+        f"tool.angular_velocity[{i}]" for i in (1, 2, 3)
+    ]
     assert [one.name for one in found] == [*names, "deflection.q1", "deflection.q2"]
-    units = ["rad"] * 2 + ["rad/s"] * 2 + ["m"] * 3 + ["1"] * 9 + ["m/s"] * 3 + ["rad/s"] * 3 + ["rad"] * 2
+    units = (
+        ["rad"] * 2
+        + ["rad/s"] * 2
+        + ["m"] * 3
+        + ["1"] * 9
+        + ["m/s"] * 3
+        + ["rad/s"] * 3
+        + ["rad"] * 2
+    )
     assert [one.unit for one in found] == units
     assert found[0].depends == (1000 * plant.STATE + 1,) and found[1].depends == ()
     assert found[-1].depends == (1000 * plant.STATE, 1000 * plant.STATE + 4)

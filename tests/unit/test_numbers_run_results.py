@@ -23,12 +23,32 @@ def made_run(force: np.ndarray | None = None, **failures: str) -> ControlRun:
     runs = []
     for k, name in enumerate(("nominal", "soft")):
         at = np.stack([time, time], axis=1) + k
-        runs.append(Made(name=name, failure=failures.get(name, ""), q_a=at, q_m=10 * at, tau_m=-at, error=at / 100))
+        runs.append(
+            Made(
+                name=name,
+                failure=failures.get(name, ""),
+                q_a=at,
+                q_m=10 * at,
+                tau_m=-at,
+                error=at / 100,
+            )
+        )
     reference = Made(
-        time=time, begin=0.25, end=0.6, path_end=0.5, held=np.ones((4, 2)), y_ref=np.zeros((4, 2)), R_ref=None
+        time=time,
+        begin=0.25,
+        end=0.6,
+        path_end=0.5,
+        held=np.ones((4, 2)),
+        y_ref=np.zeros((4, 2)),
+        R_ref=None,
     )
     made = object.__new__(ControlRun)
-    fields = {"model": flexgen.read("elbow"), "runs": tuple(runs), "reference": reference, "controller": "mine"}
+    fields = {
+        "model": flexgen.read("elbow"),
+        "runs": tuple(runs),
+        "reference": reference,
+        "controller": "mine",
+    }
     for name, value in (fields | {"force": force}).items():
         object.__setattr__(made, name, value)
     return made
@@ -55,7 +75,13 @@ def test_channels_of_a_robot_have_names_and_units(force: np.ndarray | None) -> N
     } | ({} if force is None else {"force": "N or N m"})
     assert all(found.ports[name].shape == (x.shape[1],) for name, x in found.channels.items())
     assert found.labels["q_a"] == ("q1", "q2") and found.labels["tau_m"] == ("m1", "m2")
-    kept = {"model": "elbow", "variant": "", "kind": "closed loop", "controller": "mine", "plant": "soft"}
+    kept = {
+        "model": "elbow",
+        "variant": "",
+        "kind": "closed loop",
+        "controller": "mine",
+        "plant": "soft",
+    }
     assert {key: found.meta[key] for key in kept} == kept
     if force is not None:
         assert_array_equal(found["force"], FORCE)
@@ -74,7 +100,9 @@ def test_poses_of_a_run_are_its_begin_middle_and_end() -> None:
 
 def test_accuracy_is_that_of_robots_which_reached_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(result, "path_accuracy", lambda *motion, **named: asked.append(named["robots"]))
+    monkeypatch.setattr(
+        result, "path_accuracy", lambda *motion, **named: asked.append(named["robots"])
+    )
     monkeypatch.setattr(result, "replace", lambda found, **more: None)
     monkeypatch.setattr(result, "find_corners", lambda *given: None)
     monkeypatch.setattr(result, "corner_figures", lambda *given: {})
@@ -85,7 +113,10 @@ def test_accuracy_is_that_of_robots_which_reached_the_end(monkeypatch: pytest.Mo
     run.accuracy(["soft"])
     assert asked == [("soft",), ("soft",)]
     expected = ", expected names of robots that did not fail"
-    for which, given in ((["nominal", "soft"], "'nominal', which failed"), ([], "no robots that reached the end")):
+    for which, given in (
+        (["nominal", "soft"], "'nominal', which failed"),
+        ([], "no robots that reached the end"),
+    ):
         with pytest.raises(ArgumentError) as refused:
             run.accuracy(which)
         assert str(refused.value) == f"robots: given {given}{expected}"
@@ -94,4 +125,7 @@ def test_accuracy_is_that_of_robots_which_reached_the_end(monkeypatch: pytest.Mo
     with pytest.raises(ArgumentError) as refused:
         run.accuracy(["hard"])
     assert str(refused.value) == "plant: given 'hard', expected one of nominal, soft"
-    assert (made_run().status, made_run(soft="diverged").status[:22]) == ("done", "failed: soft: diverged")
+    assert (made_run().status, made_run(soft="diverged").status[:22]) == (
+        "done",
+        "failed: soft: diverged",
+    )

@@ -10,7 +10,9 @@ import pytest
 from flexgen.runtime import files
 
 WIDE = sys.maxsize > 2**32
-pytestmark = pytest.mark.skipif(not files._ELF_SYSTEM or not WIDE, reason="no system with ELF of 64 bits")
+pytestmark = pytest.mark.skipif(
+    not files._ELF_SYSTEM or not WIDE, reason="no system with ELF of 64 bits"
+)
 LOAD, DYNAMIC = 1, 2  # kinds of segments
 HERE = files._machine("<", 62)
 HEADER, ENTRY = 64, 56  # bytes
@@ -19,11 +21,21 @@ HEADER, ENTRY = 64, 56  # bytes
 def library(*segments: tuple[int, int, int, int], size: int = 400, **fields: int) -> bytes:
     """A file of ``size`` bytes with segments (kind, start, bytes in the file, bytes in memory)."""
     order = "<" if sys.byteorder == "little" else ">"
-    given = {"kind": 3, "machine": HERE, "table": HEADER, "entry": ENTRY, "count": len(segments)} | fields
+    given = {
+        "kind": 3,
+        "machine": HERE,
+        "table": HEADER,
+        "entry": ENTRY,
+        "count": len(segments),
+    } | fields
     head = b"\x7fELF" + bytes([2, 1 if order == "<" else 2, 1]) + bytes(9)
-    head += struct.pack(f"{order}HHIQQQI", given["kind"], given["machine"], 1, 0, given["table"], 0, 0)
+    head += struct.pack(
+        f"{order}HHIQQQI", given["kind"], given["machine"], 1, 0, given["table"], 0, 0
+    )
     head += struct.pack(f"{order}HHHHHH", HEADER, given["entry"], given["count"], 0, 0, 0)
-    rows = b"".join(struct.pack(f"{order}IIQQQQQQ", kind, 0, at, 0, 0, n, m, 0) for kind, at, n, m in segments)
+    rows = b"".join(
+        struct.pack(f"{order}IIQQQQQQ", kind, 0, at, 0, 0, n, m, 0) for kind, at, n, m in segments
+    )
     return (head + rows).ljust(size, b"\0")[:size]
 
 
@@ -31,7 +43,8 @@ def library(*segments: tuple[int, int, int, int], size: int = 400, **fields: int
     ("content", "problem"),
     [
         (library((LOAD, 0, 400, 400)), None),  # up to the last byte
-        (library((LOAD, 100, 300, 900), (DYNAMIC, 300, 100, 0)), None),  # zeros after it; only loads have memory
+        # zeros after it; only loads have memory
+        (library((LOAD, 100, 300, 900), (DYNAMIC, 300, 100, 0)), None),
         (library((LOAD, 0, 400, 399)), "segment 0 ends at byte 400 of 400"),
         (library((LOAD, 0, 1, 1), (DYNAMIC, 301, 100, 100)), "segment 1 ends at byte 401 of 400"),
         (library((DYNAMIC, 0, 10, 10)), "nothing in it is to be loaded"),
@@ -46,6 +59,8 @@ def library(*segments: tuple[int, int, int, int], size: int = 400, **fields: int
         (b"\x7fELF\x01" + library((LOAD, 0, 1, 1))[5:], "other addresses or byte order"),
     ],
 )
-def test_a_library_in_elf_has_its_segments_within_the_file(content: bytes, problem: str | None) -> None:
+def test_a_library_in_elf_has_its_segments_within_the_file(
+    content: bytes, problem: str | None
+) -> None:
     found = files._elf_problem(content)
     assert found == problem if problem is None else found is not None and problem in found

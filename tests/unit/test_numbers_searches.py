@@ -49,21 +49,30 @@ class Leg:
             yield other, h, self.try_constraints(other)
 
 
-def search(monkeypatch: pytest.MonkeyPatch, heat: float, *legs: Leg) -> tuple[ProgramSearch, list[str]]:
+def search(
+    monkeypatch: pytest.MonkeyPatch, heat: float, *legs: Leg
+) -> tuple[ProgramSearch, list[str]]:
     """A search whose effective torques fall with the durations, as ``sqrt(mean of work / T^2)`` over ``heat``."""
     made, lines = object.__new__(ProgramSearch), []
-    vars(made).update(legs=list(legs), pauses=[0.25] * (len(legs) - 1), programs=0, tell=lines.append)
+    vars(made).update(
+        legs=list(legs), pauses=[0.25] * (len(legs) - 1), programs=0, tell=lines.append
+    )
 
     def effective(x: list[np.ndarray], found: list[Any]) -> np.ndarray:
         assert all(np.array_equal(one.x, part) for one, part in zip(found, x, strict=True))
-        whole = sum(leg.work * (1 + (part[1] - leg.best) ** 2) / part[0] for leg, part in zip(legs, x, strict=True))
+        whole = sum(
+            leg.work * (1 + (part[1] - leg.best) ** 2) / part[0]
+            for leg, part in zip(legs, x, strict=True)
+        )
         return np.array([whole / made.duration(x) / heat, 0.2])
 
     monkeypatch.setattr(made, "_effective", effective)
     return made, lines
 
 
-def test_effective_torques_connect_the_motions_of_a_program(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_effective_torques_connect_the_motions_of_a_program(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The durations are those of a nonlinear program by another solver; without the limit each motion is alone."""
     legs = Leg(1.0, 0.4), Leg(0.5, 0.7)
     made, lines = search(monkeypatch, 0.55, *legs)
@@ -84,7 +93,10 @@ def test_effective_torques_connect_the_motions_of_a_program(monkeypatch: pytest.
         return np.concatenate([1 - state.c, *[1 - np.abs(g) for g in state.g]])
 
     best = minimize(
-        lambda z: z[0] + z[2], np.array([1.5, 0.4, 1.2, 0.7]), constraints={"type": "ineq", "fun": all_of}, tol=1e-9
+        lambda z: z[0] + z[2],
+        np.array([1.5, 0.4, 1.2, 0.7]),
+        constraints={"type": "ineq", "fun": all_of},
+        tol=1e-9,
     )
     assert found.duration == pytest.approx(best.fun, rel=5e-3) and best.success
     assert_allclose([x[0][0], x[1][0]], best.x[[0, 2]], rtol=0.05)
@@ -94,7 +106,9 @@ def test_effective_torques_connect_the_motions_of_a_program(monkeypatch: pytest.
     assert easy._connect(first) is first and lines == [] and easy.programs == 0
 
 
-def test_a_program_is_slowed_down_as_much_as_its_torques_need(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_is_slowed_down_as_much_as_its_torques_need(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """By bisection: the factor of all durations at which the effective torques are those that are allowed."""
     legs = Leg(1.0, 0.4), Leg(0.5, 0.7)
     made, _ = search(monkeypatch, 0.4, *legs)
@@ -107,7 +121,11 @@ def test_a_program_is_slowed_down_as_much_as_its_torques_need(monkeypatch: pytes
         return float(other.c.max())
 
     factor = state.x[0][0] / first[0][0]
-    assert factor > 1.0 and state.x[1][0] / first[1][0] == pytest.approx(factor) and state.x[1][1] == 0.7
+    assert (
+        factor > 1.0
+        and state.x[1][0] / first[1][0] == pytest.approx(factor)
+        and state.x[1][1] == 0.7
+    )
     assert state.c.max() <= 1.0 < torque(factor * (1 - 0.3 * factor / 2**program_time.BISECTIONS))
     for leg in legs:
         leg.lost = 1.2  # faster ones cannot be inverted
@@ -115,7 +133,8 @@ def test_a_program_is_slowed_down_as_much_as_its_torques_need(monkeypatch: pytes
     assert lost.x[1][0] > 1.2 and lost.c.max() <= 1.0
     hard, _ = search(monkeypatch, 1e-3, *(Leg(1.0, 0.4), Leg(0.5, 0.7)))
     with pytest.raises(
-        SolverError, match=r"^fastest: the effective torques cannot be kept in this program at the speeds that"
+        SolverError,
+        match=r"^fastest: the effective torques cannot be kept in this program at the speeds that",
     ):
         hard._slow_enough(first)
     for leg in legs:
@@ -149,7 +168,10 @@ def test_gains_of_a_smoother_are_those_of_a_long_recursion() -> None:
     rng = np.random.default_rng(3)
     h, n, m, forces = 0.01, 4, 2, 2
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag([900.0, 400.0]), -np.diag([3.0, 2.0])]])
-    B, arm = np.vstack([np.zeros((2, 2)), [[5.0, 1.0], [0.5, 4.0]]]), np.vstack([np.zeros((2, 2)), np.eye(2)])
+    B, arm = (
+        np.vstack([np.zeros((2, 2)), [[5.0, 1.0], [0.5, 4.0]]]),
+        np.vstack([np.zeros((2, 2)), np.eye(2)]),
+    )
     C, D, D_arm = rng.standard_normal((3, n)), np.zeros((3, m)), np.zeros((3, forces))
     D[2], D_arm[2] = [0.3, 0.1], [0.2, 0.4]
     at: Any = SimpleNamespace(A=A, B=B, arm=arm, C=C, D=D, D_arm=D_arm)
@@ -191,11 +213,15 @@ def test_gains_of_a_smoother_are_those_of_a_long_recursion() -> None:
     assert_allclose(J, back, rtol=1e-4, atol=1e-6 * np.abs(back).max())
 
 
-def test_forces_that_a_smoother_expects_are_shares_of_their_change(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_forces_that_a_smoother_expects_are_shares_of_their_change(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A fifth of the change of springs, a fiftieth of other coordinates; no coordinate feels none."""
     tau = np.array([[1.0, 5.0, 0.0], [3.0, 5.0, 0.0], [-2.0, 5.5, 0.0]])
     monkeypatch.setattr(
-        smoother, "library_with", lambda model, names: SimpleNamespace(inverse_dynamics=lambda *motion: tau)
+        smoother,
+        "library_with",
+        lambda model, names: SimpleNamespace(inverse_dynamics=lambda *motion: tau),
     )
     monkeypatch.setattr(smoother, "elastic_gears", lambda model: [0, 2])
     made: Any = object.__new__(PathSmoother)
@@ -203,7 +229,9 @@ def test_forces_that_a_smoother_expects_are_shares_of_their_change(monkeypatch: 
     found = made._forces(SimpleNamespace(motion={"q_a": 0, "v_a": 0, "a_a": 0}))
     assert_allclose(found, [0.02 * 3.0, 0.2 * 0.5, 0.02 * 3e-3, 0.2 * 3.0, 0.2 * 3e-3])
     tau = 0 * tau
-    assert_allclose(made._forces(SimpleNamespace(motion={"q_a": 0, "v_a": 0, "a_a": 0}))[1], 0.2 * 1e-6)
+    assert_allclose(
+        made._forces(SimpleNamespace(motion={"q_a": 0, "v_a": 0, "a_a": 0}))[1], 0.2 * 1e-6
+    )
 
 
 # --- loops that are shaped --------------------------------------------------------------------------------------------
@@ -233,7 +261,9 @@ def test_a_shaped_loop_is_the_continuous_one_by_the_bilinear_rule() -> None:
         z = np.exp(2j * np.pi * hz * h)
         s = 2 / h * (z - 1) / (z + 1)
         sampled = C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D
-        exact = whole[2] @ np.linalg.solve(s * np.eye(len(whole[0])) - whole[0], whole[1]) + whole[3]
+        exact = (
+            whole[2] @ np.linalg.solve(s * np.eye(len(whole[0])) - whole[0], whole[1]) + whole[3]
+        )
         assert_allclose(sampled, exact, rtol=1e-6, atol=1e-9 * np.abs(exact).max())
     two = [np.vstack([x, x + 1.0]) for x in motion]
     of_path = law.linear(model, h, 2e-3, two)
@@ -249,9 +279,13 @@ def test_a_shaped_loop_that_is_unstable_names_a_frequency_that_is_stable() -> No
     with pytest.raises(ArgumentError) as caught:
         LoopShaping(12.0).linear(model, 5e-3, 2e-2, motion)
     text = str(caught.value)
-    assert text.startswith("controller LoopShaping, crossover_hz: given 12 Hz, with which the sampled loop is unstable")
+    assert text.startswith(
+        "controller LoopShaping, crossover_hz: given 12 Hz, with which the sampled loop is unstable"
+    )
     assert "at 5 ms and a delay of 20 ms (largest eigenvalue " in text
-    named = float(text.partition("a lower one, such as ")[2].partition(" Hz, or a shorter sample time")[0])
+    named = float(
+        text.partition("a lower one, such as ")[2].partition(" Hz, or a shorter sample time")[0]
+    )
     assert named < 12.0
     LoopShaping(named).linear(model, 5e-3, 2e-2, motion)
 
@@ -263,7 +297,9 @@ def experiment_of(hardware: DriveHardware) -> tuple[Simulated, np.ndarray]:
     plan = flexgen.excite("elbow", **given, hardware=hardware, progress=False)
     model = flexgen.read("elbow")
     stiffness = model.coordinates[model.i_g[0]].dof.gear.spring.stiffness
-    robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 0.8 * stiffness})
+    robot = flexgen.read(
+        "elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 0.8 * stiffness}
+    )
     experiment = flexgen.measure(plan, robot, progress=False)
     vector = ParameterVector(model, ["q1.stiffness", "q2.damping"], controller=plan.controller)
     return Simulated(vector, experiment, [(0, 0, 0)]), vector.start + np.array([np.log(0.8), 0.0])
@@ -274,7 +310,9 @@ def quiet() -> tuple[Simulated, np.ndarray]:
     return experiment_of(DriveHardware(1e-3))
 
 
-def test_the_simulated_experiment_is_the_one_that_was_measured(quiet: tuple[Simulated, np.ndarray]) -> None:
+def test_the_simulated_experiment_is_the_one_that_was_measured(
+    quiet: tuple[Simulated, np.ndarray],
+) -> None:
     made, x = quiet
     found = made.spectra(x)
     assert found.shape == made.measured.shape == (1, 6, 2) and made.count == 12
@@ -288,7 +326,9 @@ def test_the_simulated_experiment_is_the_one_that_was_measured(quiet: tuple[Simu
     assert made.simulations == simulations and not made.shift.any()
 
 
-def test_derivatives_of_an_experiment_are_those_of_whole_simulations(quiet: tuple[Simulated, np.ndarray]) -> None:
+def test_derivatives_of_an_experiment_are_those_of_whole_simulations(
+    quiet: tuple[Simulated, np.ndarray],
+) -> None:
     """Also where their simulations begin late; they are used again where x and the cost are near."""
     made, x = quiet
     x = x + np.array([0.05, 0.1])
@@ -296,7 +336,9 @@ def test_derivatives_of_an_experiment_are_those_of_whole_simulations(quiet: tupl
     r = made.residual(x).ravel()
     assert cost == pytest.approx(float((np.abs(r) ** 2).sum()))
     h = 1e-3
-    columns = [(made.residual(x + z) - made.residual(x - z)).ravel() / (2 * h) for z in h * np.eye(2)]
+    columns = [
+        (made.residual(x + z) - made.residual(x - z)).ravel() / (2 * h) for z in h * np.eye(2)
+    ]
     J = np.stack(columns, axis=1)
     assert_allclose(A, np.real(J.conj().T @ J), rtol=2e-2)
     assert_allclose(gradient, np.real(J.conj().T @ r), rtol=2e-2)
@@ -312,7 +354,9 @@ def test_derivatives_of_an_experiment_are_those_of_whole_simulations(quiet: tupl
     assert made.simulations == before + 7 and np.abs(far[2] / A - 1).max() > 1e-3
 
 
-def test_noise_changes_the_mean_of_the_spectra_and_their_deviation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_changes_the_mean_of_the_spectra_and_their_deviation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(time_domain, "SEEDS", 3)
     made, x = experiment_of(DriveHardware(1e-3, encoder_noise_rad=2e-4))
     told: list[str] = []
@@ -325,4 +369,8 @@ def test_noise_changes_the_mean_of_the_spectra_and_their_deviation(monkeypatch: 
     assert_allclose(made.shift, np.mean(noisy, axis=0) - made.spectra(x), rtol=1e-6, atol=1e-12)
     assert np.abs(noisy[0] - noisy[1]).max() > 0
     made.sums(x)
-    assert told[-1].startswith("simulation ") and told[-1].endswith(" s of robot in the plan") and len(told) == 3
+    assert (
+        told[-1].startswith("simulation ")
+        and told[-1].endswith(" s of robot in the plan")
+        and len(told) == 3
+    )

@@ -56,7 +56,11 @@ def test_a_segment_breaks_where_its_law_and_its_curve_do() -> None:
     assert_allclose(made.breaks, [10.0, 10.5, 11.0])
     x, attitude = made.at([10.3, 11.0 - 1e-12, 11.0, 12.0])
     assert attitude is None and x.shape == (4, 2, 6)
-    assert_allclose(x[0], [[3 * 0.09, 3 * 0.6, 3 * 2.0, 0, 0, 0], [-4 * 0.09, -4 * 0.6, -4 * 2.0, 0, 0, 0]], atol=1e-12)
+    assert_allclose(
+        x[0],
+        [[3 * 0.09, 3 * 0.6, 3 * 2.0, 0, 0, 0], [-4 * 0.09, -4 * 0.6, -4 * 2.0, 0, 0, 0]],
+        atol=1e-12,
+    )
     assert_allclose(x[1, :, 1], [6.0, -8.0], rtol=1e-9)
     assert not x[2:, :, 1:].any()  # at rest from the end on
 
@@ -66,8 +70,12 @@ def test_norms_of_a_segment_are_euclidean_for_the_tool_only() -> None:
     x[0, :, 1:] = np.array([[3.0], [-4.0], [0.0]]) * np.arange(1, 6)
     turn = np.zeros((2, 3, 5))
     turn[:, 2] = [[60.0, 1.0, 0.0, 0.0, 90.0], [-1.0, 2.0, 3.0, 4.0, 5.0]]
-    assert_allclose(timed_segments.derivative_norms("joint", x, None, 9.0), [4.0 * np.arange(1, 6), np.zeros(5)])
-    assert_allclose(timed_segments.derivative_norms("tool", x, None, 9.0), [5.0 * np.arange(1, 6), np.zeros(5)])
+    assert_allclose(
+        timed_segments.derivative_norms("joint", x, None, 9.0), [4.0 * np.arange(1, 6), np.zeros(5)]
+    )
+    assert_allclose(
+        timed_segments.derivative_norms("tool", x, None, 9.0), [5.0 * np.arange(1, 6), np.zeros(5)]
+    )
     found = timed_segments.derivative_norms("tool", x, (np.zeros((2, 3, 3)), turn), 0.5)
     assert_allclose(found, [[30.0, 10.0, 15.0, 20.0, 45.0], [0.5, 1.0, 1.5, 2.0, 2.5]])
 
@@ -84,7 +92,9 @@ def test_curvature_bounds_the_speed_along_an_arc(bounds: tuple[float, ...], spee
     arc = Arc(np.array([0.4, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), 1.5, np.zeros(3), 1.0)
     curve = BlendedCurve(np.zeros(3), None, [arc], [])
     (found,) = timed_segments._stretches("tool", curve, bounds, 1.0, None)
-    assert found.length == pytest.approx(0.4 * 1.5) and found.speed == pytest.approx(speed, rel=1e-6)
+    assert found.length == pytest.approx(0.4 * 1.5) and found.speed == pytest.approx(
+        speed, rel=1e-6
+    )
     (found,) = timed_segments._stretches("tool", curve, bounds, 1.0, [0.1])
     assert found.speed == pytest.approx(0.1)
 
@@ -109,7 +119,9 @@ def test_largest_derivatives_between_instants_are_found() -> None:
         smoothness = 9
 
         def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-            return np.stack([80.0**k * np.sin(80.0 * t + k * np.pi / 2) for k in range(order + 1)], axis=1)
+            return np.stack(
+                [80.0**k * np.sin(80.0 * t + k * np.pi / 2) for k in range(order + 1)], axis=1
+            )
 
     class Same:
         length, smoothness, breaks = 1.0, 9, np.zeros(0)
@@ -124,7 +136,9 @@ def test_largest_derivatives_between_instants_are_found() -> None:
 def test_the_configuration_after_a_joint_segment_is_its_end() -> None:
     reference: Any = None
     segment = TimedSegment("joint", Straight(), Squared(), 5.0)
-    assert_allclose(timed_segments.configuration_at_end(reference, segment, np.zeros(2)), [3.0, -4.0])
+    assert_allclose(
+        timed_segments.configuration_at_end(reference, segment, np.zeros(2)), [3.0, -4.0]
+    )
     reference = Reference(flexgen.derive("elbow"))
     q = np.array([0.3, 0.8])
     start = reference.outputs(q)
@@ -137,11 +151,15 @@ def test_the_configuration_after_a_joint_segment_is_its_end() -> None:
             x[:, :, 0] += start
             return x, None
 
-    found = timed_segments.configuration_at_end(reference, TimedSegment("output", There(), Squared()), q)
+    found = timed_segments.configuration_at_end(
+        reference, TimedSegment("output", There(), Squared()), q
+    )
     assert_allclose(reference.outputs(found), start + np.array([-0.1, 0.05]), atol=1e-9)
 
 
-def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Bounds slow a law down by the root of their excess; joint limits by their own factor, up to 10,000."""
 
     class Law:
@@ -154,8 +172,12 @@ def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(monkeypatch
             return factor
 
     law: Any = Law()
-    monkeypatch.setattr("flexgen.paths.speed_planning.speed_law", lambda stretches, bounds, smoothness: law)
-    monkeypatch.setattr(timed_segments, "_stretches", lambda *given: [Made(speed=1.0), Made(speed=2.0)])
+    monkeypatch.setattr(
+        "flexgen.paths.speed_planning.speed_law", lambda stretches, bounds, smoothness: law
+    )
+    monkeypatch.setattr(
+        timed_segments, "_stretches", lambda *given: [Made(speed=1.0), Made(speed=2.0)]
+    )
     peaks = np.array([1.0, 2.0, 3.0])
     monkeypatch.setattr(timed_segments, "_peaks", lambda segment, radius: peaks)
     limits: dict[str, Any] = {"has_limits": False, "slowdown": lambda v, a: 1.0}
@@ -168,13 +190,18 @@ def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(monkeypatch
 
     assert plan(1.0, 2.0, 3.0) is law and plan(1.0, 2.0, 3.0 / (1 + 2e-6)) is law
     assert plan(0.5, 2.0, 3.0) == pytest.approx(2.0) and plan(1.0, 0.5, 3.0) == pytest.approx(2.0)
-    assert plan(1.0, 2.0, 3.0 / 64) == pytest.approx(4.0) and plan(0.1, 0.5, 3.0) == pytest.approx(10.0)
+    assert plan(1.0, 2.0, 3.0 / 64) == pytest.approx(4.0) and plan(0.1, 0.5, 3.0) == pytest.approx(
+        10.0
+    )
     limits.update(has_limits=True, slowdown=lambda v, a: 5.0)
     assert plan(1.0, 2.0, 3.0) == pytest.approx(5.0 * (1 + 1e-6), abs=1e-7)
     limits.update(slowdown=lambda v, a: 9999.9)
     assert plan(1.0, 2.0, 3.0) == pytest.approx(9999.9 * (1 + 1e-6), abs=1e-7)
     limits.update(slowdown=lambda v, a: 10000.0)
-    with pytest.raises(SolverError, match=r"^path: the joint limits would slow it down by a factor of 1\.0e\+04; it"):
+    with pytest.raises(
+        SolverError,
+        match=r"^path: the joint limits would slow it down by a factor of 1\.0e\+04; it",
+    ):
         plan(1.0, 2.0, 3.0)
 
 
@@ -244,7 +271,9 @@ def test_a_path_across_the_axes_of_the_output_is_refused() -> None:
 
     planner._check_axes(segment(0.3, "joint"))
     planner._check_axes(segment(1.9 * move_planner.NO_MOTION))
-    with pytest.raises(Exception, match=r"0\.3 m along z.*a path along x, y only, because the output has"):
+    with pytest.raises(
+        Exception, match=r"0\.3 m along z.*a path along x, y only, because the output has"
+    ):
         planner._check_axes(segment(0.3))
     with pytest.raises(Exception, match="along z"):
         planner._check_axes(segment(2.1 * move_planner.NO_MOTION))
@@ -258,21 +287,29 @@ def planner(pose: bool = True, **move: Any) -> Any:
     made: Any = object.__new__(move_planner._Planner)
     vars(made).update(reference=Made(pose=pose, tool=True), name="move m", q_g=np.zeros(6))
     made.move = Made(
-        **{"profile": (1.0, 2.0), "timing": (), "where": None, "name": "m", "type": "tool_polyline"} | move
+        **{"profile": (1.0, 2.0), "timing": (), "where": None, "name": "m", "type": "tool_polyline"}
+        | move
     )
     return made
 
 
 def legs(*zones: float) -> list[Any]:
     """Lines of length 1, each turning left."""
-    return [MoveL(tuple(np.round(x, 9)), zone=z) for x, z in zip(np.eye(3)[[0, 1, 2, 0, 1]], zones, strict=False)]
+    return [
+        MoveL(tuple(np.round(x, 9)), zone=z)
+        for x, z in zip(np.eye(3)[[0, 1, 2, 0, 1]], zones, strict=False)
+    ]
 
 
 def test_rounded_corners_of_steps_fit_between_them() -> None:
     """Zones of two corners may fill a step, not more; the step that is blamed is the one with the zone."""
     made = planner()
     curve, speeds = made._polyline(np.zeros(3), np.eye(3), legs(0.4, 0.6, 0.0), 1.0)
-    assert speeds == [1.0, 1.0, 1.0] and [segment.length for segment in curve.segments] == [1.0, 1.0, 1.0]
+    assert speeds == [1.0, 1.0, 1.0] and [segment.length for segment in curve.segments] == [
+        1.0,
+        1.0,
+        1.0,
+    ]
     assert curve.zones == [0.4, 0.6]
     assert_allclose(curve.end[0], [1.0, 1.0, 1.0])
     for zones, text in (
@@ -283,31 +320,51 @@ def test_rounded_corners_of_steps_fit_between_them() -> None:
         ((0.4, 0.4, 1.01, 0.0), r"step 3: .*given zone 0\.4 and 1\.01, .* the length 1 of step 3"),
         ((1.01, 0.0), r"step 1: .*given zone 0 and 1\.01, .* of step 1"),
         ((0.3, 0.3), r"step 2: .*given zone 0\.3, expected 0 at the end"),
-        ((0.0, 0.0), r"step 1: .*given zone 0\.0, expected a radius > 0 \[m\], because the tool does not stop here"),
+        (
+            (0.0, 0.0),
+            r"step 1: .*given zone 0\.0, expected a radius > 0 \[m\], because the tool does not stop here",
+        ),
         ((), "given legs none, expected one or more"),
     ):
         with pytest.raises(ArgumentError, match=text):
             made._polyline(np.zeros(3), np.eye(3), legs(*zones), 1.0)
     short = [MoveL((1.0, 0.0, 0.0), zone=0.5), MoveL((0.0, 0.4, 0.0))]
-    with pytest.raises(ArgumentError, match=r"step 1: .*given zone 0\.5 and 0, .* into the length 0\.4 of step 2"):
+    with pytest.raises(
+        ArgumentError, match=r"step 1: .*given zone 0\.5 and 0, .* into the length 0\.4 of step 2"
+    ):
         made._polyline(np.zeros(3), np.eye(3), short, 1.0)
     back = [MoveL((1.0, 0.0, 0.0), zone=0.2), MoveL((-1.0, 0.0, 0.0))]
-    with pytest.raises(ArgumentError, match=r"step 1: .*expected 0, because the path reverses here"):
+    with pytest.raises(
+        ArgumentError, match=r"step 1: .*expected 0, because the path reverses here"
+    ):
         made._polyline(np.zeros(3), np.eye(3), back, 1.0)
 
 
 def test_speeds_of_steps_need_a_profile() -> None:
     made, step = planner(), MoveL((1.0, 0.0, 0.0), speed=0.4)
-    assert made._speed(step, 0, (2.0, 1.0)) == 0.4 and made._speed(MoveL((1.0, 0.0, 0.0)), 0, (2.0, 1.0)) == 2.0
-    assert made._speed(MoveL((1.0, 0.0, 0.0)), 0, ()) == 1.0 and planner(timing=(1.0,))._speed(step, 0, ()) == 0.4
-    with pytest.raises(ArgumentError, match=r"step 3: .*given speed 0\.4, expected no speed, or a move with a profile"):
+    assert (
+        made._speed(step, 0, (2.0, 1.0)) == 0.4
+        and made._speed(MoveL((1.0, 0.0, 0.0)), 0, (2.0, 1.0)) == 2.0
+    )
+    assert (
+        made._speed(MoveL((1.0, 0.0, 0.0)), 0, ()) == 1.0
+        and planner(timing=(1.0,))._speed(step, 0, ()) == 0.4
+    )
+    with pytest.raises(
+        ArgumentError,
+        match=r"step 3: .*given speed 0\.4, expected no speed, or a move with a profile",
+    ):
         made._speed(step, 2, ())
     with pytest.raises(ArgumentError, match=r"step 1: .*expected a speed > 0"):
         made._speed(Made(speed=0.0, where=None), 0, (2.0, 1.0))
 
 
 def test_steps_are_lines_and_arcs_from_where_the_tool_is() -> None:
-    made, here, turn = planner(), np.array([1.0, 2.0, 3.0]), Rotation.from_rotvec([0.0, 0.0, 0.5]).as_matrix()
+    made, here, turn = (
+        planner(),
+        np.array([1.0, 2.0, 3.0]),
+        Rotation.from_rotvec([0.0, 0.0, 0.5]).as_matrix(),
+    )
     R = Rotation.from_rotvec([0.0, 0.0, 0.2]).as_matrix()
     line = made._segment(MoveL((1.0, 0.0, 0.0)), 0, here, R, 1.0)
     assert_allclose(line.total, [1, 0, 0])
@@ -325,24 +382,47 @@ def test_steps_are_lines_and_arcs_from_where_the_tool_is() -> None:
         assert_allclose(arc.total, end, atol=1e-12)
     for step, text in (
         (MoveL((0.0, 0.0, 0.0)), r"displacement.*expected a step with a displacement or rotation"),
-        (MoveL(position=(1.0, 2.0, 3.0)), r"position.*expected a step with a displacement or rotation"),
-        (MoveL((1.0, 0.0, 0.0), position=(1.0, 0.0, 0.0)), "expected either displacement or position"),
+        (
+            MoveL(position=(1.0, 2.0, 3.0)),
+            r"position.*expected a step with a displacement or rotation",
+        ),
+        (
+            MoveL((1.0, 0.0, 0.0), position=(1.0, 0.0, 0.0)),
+            "expected either displacement or position",
+        ),
         (MoveL(), "expected either displacement or position"),
         (MoveL((1.0, 0.0)), "expected 3 finite numbers"),
-        (MoveL((1.0, 0.0, 0.0), rotation=(0.0, 0.0, 1.0), orientation=to), "expected either rotation or orientation"),
-        (MoveL((1.0, 0.0, 0.0), orientation=tuple(map(tuple, (-turn).tolist()))), "expected a rotation matrix"),
-        (MoveC((1.0, 0.0, 0.0), via=(0.5, 0.0, 0.0)), "expected a point that is not on a line through start and end"),
+        (
+            MoveL((1.0, 0.0, 0.0), rotation=(0.0, 0.0, 1.0), orientation=to),
+            "expected either rotation or orientation",
+        ),
+        (
+            MoveL((1.0, 0.0, 0.0), orientation=tuple(map(tuple, (-turn).tolist()))),
+            "expected a rotation matrix",
+        ),
+        (
+            MoveC((1.0, 0.0, 0.0), via=(0.5, 0.0, 0.0)),
+            "expected a point that is not on a line through start and end",
+        ),
         (MoveL((1.0, 0.0, 0.0), zone=-0.1), r"expected a radius >= 0 \[m\]"),
     ):
         with pytest.raises(ArgumentError, match=f"step 5: .*{text}"):
             made._segment(step, 4, here, R, 1.0)
-    with pytest.raises(ArgumentError, match='expected no rotation, or an output of type "tool_pose"'):
-        planner(pose=False)._segment(MoveL((1.0, 0.0, 0.0), rotation=(0.0, 0.0, 1.0)), 0, here, R, 1.0)
+    with pytest.raises(
+        ArgumentError, match='expected no rotation, or an output of type "tool_pose"'
+    ):
+        planner(pose=False)._segment(
+            MoveL((1.0, 0.0, 0.0), rotation=(0.0, 0.0, 1.0)), 0, here, R, 1.0
+        )
 
 
 def test_steps_of_a_program_stop_where_they_must() -> None:
     made = planner()
-    good: list[Any] = [MoveL((1.0, 0.0, 0.0), zone=0.1), MoveL((0.0, 1.0, 0.0), pause=0.5), MoveJ((0.0, 0.0))]
+    good: list[Any] = [
+        MoveL((1.0, 0.0, 0.0), zone=0.1),
+        MoveL((0.0, 1.0, 0.0), pause=0.5),
+        MoveJ((0.0, 0.0)),
+    ]
 
     def check(k: int, **changes: Any) -> None:
         steps = [*good]
@@ -360,5 +440,7 @@ def test_steps_of_a_program_stop_where_they_must() -> None:
     ):
         with pytest.raises(ArgumentError, match=f"step {k + 1}: .*{text}"):
             check(k, **changes)
-    with pytest.raises(ArgumentError, match=r"^move m, step 1: given 3, expected a MoveJ, MoveL or MoveC$"):
+    with pytest.raises(
+        ArgumentError, match=r"^move m, step 1: given 3, expected a MoveJ, MoveL or MoveC$"
+    ):
         made._check_step(3, 0, Made(steps=[3]))

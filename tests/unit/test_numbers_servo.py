@@ -26,7 +26,9 @@ H = 1e-3
 
 
 def gains(integral: float, **others: object) -> Cascade:
-    return Cascade(np.array([20.0, 31.0]), np.array([5.0, 0.7]), np.array([integral, 0.5 * integral]), **others)  # type: ignore[arg-type]
+    return Cascade(
+        np.array([20.0, 31.0]), np.array([5.0, 0.7]), np.array([integral, 0.5 * integral]), **others
+    )  # type: ignore[arg-type]
 
 
 def servo_torque(servo: Servo, law: Cascade, r: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -35,7 +37,11 @@ def servo_torque(servo: Servo, law: Cascade, r: np.ndarray, q: np.ndarray) -> np
     filtered, before, last, total, out = r[0].copy(), r[0].copy(), q[0], 0.0, []
     for r_k, q_k in zip(r, q, strict=True):
         filtered = filtered + share * (r_k - filtered)
-        w = servo.speed_feedforward * (filtered - before) / H + law.position_gain * (filtered - q_k) - (q_k - last) / H
+        w = (
+            servo.speed_feedforward * (filtered - before) / H
+            + law.position_gain * (filtered - q_k)
+            - (q_k - last) / H
+        )
         total = total + H * w
         out.append(law.speed_gain * (w + law.integral_gain * total))
         before, last = filtered, q_k
@@ -52,13 +58,17 @@ def motion(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("integral", [0.0, 8.0])
 @pytest.mark.parametrize("feedforward", [0.0, 0.85, 1.0])
 @pytest.mark.parametrize("filter_s", [0.0, 4e-3])
-def test_the_inverse_of_a_servo_makes_it_send_the_torque(integral: float, feedforward: float, filter_s: float) -> None:
+def test_the_inverse_of_a_servo_makes_it_send_the_torque(
+    integral: float, feedforward: float, filter_s: float
+) -> None:
     law, (q, torque) = gains(integral), motion()
     servo = Servo(law, speed_feedforward=feedforward, reference_filter_s=filter_s, sample_time=H)
     r = invert_servo(servo, law, torque, q)
     assert_allclose(r[0], q[0], rtol=0, atol=1e-12)
     assert_allclose(servo_torque(servo, law, r, q), torque - torque[0], rtol=0, atol=1e-9)
-    wrong = Servo(law, speed_feedforward=feedforward, reference_filter_s=filter_s + 2e-3, sample_time=H)
+    wrong = Servo(
+        law, speed_feedforward=feedforward, reference_filter_s=filter_s + 2e-3, sample_time=H
+    )
     assert np.abs(servo_torque(wrong, law, r, q) - (torque - torque[0])).max() > 1e-2
 
 
@@ -67,14 +77,19 @@ def test_an_unstable_inverse_is_refused_with_its_zero() -> None:
     q, torque = motion(20)
     law = Cascade(np.array([20.0, 31.0]), np.array([5.0, 0.7]), np.array([1.0, -30.0]))
     zero = np.roots([1.0 + law.integral_gain[1] * H, -1.0])[0]
-    with pytest.raises(ArgumentError, match=rf"= {zero:.6g} is not within the unit circle, so its inverse is unstable"):
+    with pytest.raises(
+        ArgumentError,
+        match=rf"= {zero:.6g} is not within the unit circle, so its inverse is unstable",
+    ):
         invert_servo(Servo(law, sample_time=H), law, torque, q)
 
 
 def test_gains_and_filters_without_inverse_are_refused() -> None:
     q, torque = motion(20)
     law = Cascade(np.array([20.0, 0.0]), np.ones(2), np.ones(2))
-    with pytest.raises(ArgumentError, match=r"servo, position_gain: given \[20\.  0\.\], expected numbers > 0"):
+    with pytest.raises(
+        ArgumentError, match=r"servo, position_gain: given \[20\.  0\.\], expected numbers > 0"
+    ):
         invert_servo(Servo(law, sample_time=H), law, torque, q)
     law = gains(1.0, filters=(Notch(60.0),))
     assert np.isfinite(invert_servo(Servo(law, sample_time=H), law, torque, q)).all()
@@ -134,7 +149,10 @@ def test_samples_within_limits_are_those_of_another_solver() -> None:
     B = basis(time, edges, "linear")
     r = (0.02 * np.sin(2 * np.pi * time / edges[-1]) ** 3)[:, None]
     free = fit_samples(B, r)
-    speed, acceleration = np.abs(np.diff(free[:, 0])).max() / T, np.abs(np.diff(free[:, 0], 2)).max() / T**2
+    speed, acceleration = (
+        np.abs(np.diff(free[:, 0])).max() / T,
+        np.abs(np.diff(free[:, 0], 2)).max() / T**2,
+    )
     assert_allclose(fit_within(B, r, T, (np.array([1.1 * speed]), None)), free, atol=1e-7)
     bound = 0.8 * acceleration * T**2
     found = fit_within(B, r, T, (None, np.array([0.8 * acceleration])))
@@ -153,11 +171,16 @@ def test_samples_within_limits_are_those_of_another_solver() -> None:
 
 
 # --- the positions ----------------------------------------------------------------------------------------------------
-def positions(eigenvalue: float = 0.9, saturated: int = 0, failure: str = "", **changes: Any) -> PositionCommands:
+def positions(
+    eigenvalue: float = 0.9, saturated: int = 0, failure: str = "", **changes: Any
+) -> PositionCommands:
     """Three positions of the elbow, the second joint made to slide, with runs that were made up."""
     model = flexgen.read("elbow")
     solution = Made(status=flexgen.Status.SOLVED, move=Made(name="line"))
-    loops = {"begin": Made(largest_eigenvalue=lambda: 0.5), "end": Made(largest_eigenvalue=lambda: eigenvalue)}
+    loops = {
+        "begin": Made(largest_eigenvalue=lambda: 0.5),
+        "end": Made(largest_eigenvalue=lambda: eigenvalue),
+    }
     run = Made(
         model=model,
         solution=solution,
@@ -193,7 +216,11 @@ def test_positions_are_saved_in_the_units_of_a_robot(tmp_path: Path) -> None:
     assert_allclose(found.acceleration, [[-187.5, 62.5]])
     lines = found.save(tmp_path / "a.csv").read_text().splitlines()
     assert lines[0] == "time_s,q1_deg,s_mm" and len(lines) == 4
-    assert lines[1] == "-0.5,28.6478897565,125" and lines[3].startswith("-0.492,") and lines[3].endswith(",128")
+    assert (
+        lines[1] == "-0.5,28.6478897565,125"
+        and lines[3].startswith("-0.492,")
+        and lines[3].endswith(",128")
+    )
     lines = found.save(tmp_path / "b.csv", "rad").read_text().splitlines()
     assert lines[:2] == ["time_s,q1_rad,s_m", "-0.5,0.5,0.125"]
     again = flexgen.Trajectory.load(found.save(tmp_path / "c.npz"))
@@ -206,7 +233,9 @@ def test_positions_are_saved_in_the_units_of_a_robot(tmp_path: Path) -> None:
     assert (data["model"], data["move"], data["status"]) == ("elbow", "line", "solved")
     assert data["joint"] == found.joint.tolist() and data["before"] == 0.5 and data["samples"] == 3
     assert (
-        data["tool_error_max_m"] == 1e-4 and data["today_error_max_m"] == 1e-3 and data["soft.tool_error_max_m"] == 3e-4
+        data["tool_error_max_m"] == 1e-4
+        and data["today_error_max_m"] == 1e-3
+        and data["soft.tool_error_max_m"] == 3e-4
     )
 
 

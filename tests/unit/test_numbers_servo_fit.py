@@ -30,8 +30,12 @@ def cascade(integral: float = 2.0) -> Cascade:
 def made(**more: Any) -> Any:
     """A fit of two motors without a simulation; parameters: logarithms of six gains, then three others."""
     out = object.__new__(identify._Fit)
-    servo = Servo(cascade(), speed_feedforward=0.5, reference_filter_s=0.0, sample_time=H, delay=2.3e-3)
-    robot = Made(n_m=2, eta=np.diag([100.0, -50.0]), title="arm", motors=[Made(name="m1"), Made(name="m2")])
+    servo = Servo(
+        cascade(), speed_feedforward=0.5, reference_filter_s=0.0, sample_time=H, delay=2.3e-3
+    )
+    robot = Made(
+        n_m=2, eta=np.diag([100.0, -50.0]), title="arm", motors=[Made(name="m1"), Made(name="m2")]
+    )
     given = {"robot": robot, "servo": servo, "cascade": servo.feedback, "interpolation": "linear"}
     for name, value in (given | more).items():
         object.__setattr__(out, name, value)
@@ -53,22 +57,29 @@ def test_parameters_are_logarithms_of_gains_and_numbers_within_bounds() -> None:
     fit, p = made(), np.concatenate([np.log([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), [3.0, -1.0, 0.5]])
     assert fit.gains == 6
     assert_allclose(fit.first_gains, [[20.0, 30.0], [5.0, 4.0], [2.0, 0.0]])
-    assert_allclose(fit.gains_of(p), [[1.0, 2.0], [3.0, 4.0], [5.0, 0.0]])  # a gain that is zero stays zero
-    assert_allclose(fit.gains_of(np.array([p, p + np.log(2.0)]))[1], [[2.0, 4.0], [6.0, 8.0], [10.0, 0.0]])
+    # a gain that is zero stays zero
+    assert_allclose(fit.gains_of(p), [[1.0, 2.0], [3.0, 4.0], [5.0, 0.0]])
+    assert_allclose(
+        fit.gains_of(np.array([p, p + np.log(2.0)]))[1], [[2.0, 4.0], [6.0, 8.0], [10.0, 0.0]]
+    )
     assert_allclose(fit.within(p), [*p[:6], 2.0, 0.0, 0.2])
     assert fit.within(p + 9.0)[7] == 0.19 and p[6] == 3.0
     servo = fit.servo_of(np.array([*p[:6], 0.7, 5e-3, 1e-3]))
     assert (servo.speed_feedforward, servo.sample_time) == (0.7, H)
     assert identify.delay_of_filter(servo.reference_filter_s, H) == pytest.approx(5e-3)
     law = fit._with_gains(np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]))
-    assert_allclose([law.position_gain, law.speed_gain, law.integral_gain], [[1, 2], [3, 4], [5, 6]])
+    assert_allclose(
+        [law.position_gain, law.speed_gain, law.integral_gain], [[1, 2], [3, 4], [5, 6]]
+    )
     assert fit._rest_of_delay == pytest.approx(0.3e-3)
     for delay, rest in ((0.0, 0.0), (2e-3, 0.0), (0.4e-3, 0.4e-3), (2e-3 + 1e-13, 0.0)):
         one = made(servo=Servo(cascade(), sample_time=H, delay=delay))
         assert one._rest_of_delay == pytest.approx(rest, abs=1e-15)
 
 
-def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     tried: list[np.ndarray] = []
     limits = [0]
 
@@ -81,7 +92,8 @@ def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(monkeypatch
     p, _, _ = fit.start()
     first = np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0])
     assert_allclose(p[:6], first)
-    assert_allclose(p[6:], [0.5, identify.delay_of_filter(4e-3, H), H])  # a filter of four samples at least
+    # a filter of four samples at least
+    assert_allclose(p[6:], [0.5, identify.delay_of_filter(4e-3, H), H])
     slow = made(servo=Servo(cascade(), reference_filter_s=9e-3, sample_time=H))
     assert slow.start()[0][7] == pytest.approx(identify.delay_of_filter(9e-3, H))
     assert_allclose(fit.start(2.5)[0][:5], first[:5] - np.log(2.5))
@@ -116,7 +128,9 @@ def test_a_search_of_a_linear_problem_ends_at_its_minimum() -> None:
     assert ended and not p.any()
 
 
-def test_a_search_begins_again_with_lower_gains_until_noise_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_begins_again_with_lower_gains_until_noise_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     begun: list[float] = []
     left = {1.0: 5.0, 1.5: 4.0, 2.5: 7.0}
 
@@ -134,19 +148,27 @@ def test_a_search_begins_again_with_lower_gains_until_noise_is_left(monkeypatch:
     monkeypatch.setattr(identify, "_Fit", Fit)
     monkeypatch.setattr(identify, "_check_record", lambda record, robot: None)
     monkeypatch.setattr(
-        identify, "_search", lambda fit, p, e, J, tell: Made(left=left[p], is_explained=left[p] < 1.5, first=p)
+        identify,
+        "_search",
+        lambda fit, p, e, J, tell: Made(left=left[p], is_explained=left[p] < 1.5, first=p),
     )
     zero = np.zeros((100, 2))
     record = ServoRecord(4e-3 * np.arange(100), zero, zero)
     assert flexgen.identify_servo("elbow", record).first == 1.5 and begun == [1.0, 1.5, 2.5]  # type: ignore[attr-defined]
-    for changed, first, expected in (({1.5: 1.0}, 1.5, [1.0, 1.5]), ({1.0: 1.0}, 1.0, [1.0]), ({1.5: -1.0}, 1.0, None)):
+    for changed, first, expected in (
+        ({1.5: 1.0}, 1.5, [1.0, 1.5]),
+        ({1.0: 1.0}, 1.0, [1.0]),
+        ({1.5: -1.0}, 1.0, None),
+    ):
         begun.clear()
         left |= {1.0: 5.0, 1.5: 4.0, 2.5: 7.0} | changed
         assert flexgen.identify_servo("elbow", record).first == first  # type: ignore[attr-defined]
         assert begun == (expected or [1.0, 1.5, 2.5])
 
 
-@pytest.mark.parametrize(("gain", "n", "block"), [(24.0, 1200, 50), (48.0, 1200, 25), (24.0, 300, 15), (0.0, 300, 15)])
+@pytest.mark.parametrize(
+    ("gain", "n", "block"), [(24.0, 1200, 50), (48.0, 1200, 25), (24.0, 300, 15), (0.0, 300, 15)]
+)
 def test_deviations_are_those_of_leaving_out_blocks(gain: float, n: int, block: int) -> None:
     """Six times as long as the slowest position loop remembers; twenty blocks at least."""
     rng = np.random.default_rng(4)
@@ -172,7 +194,8 @@ def test_a_result_tells_what_is_explained_and_what_is_noise() -> None:
     """White noise is what third differences show, over the square root of 20; a ten thousandth of the lag at least."""
     rng, n = np.random.default_rng(5), 4000
     command = np.outer(np.linspace(0.0, 1.0, n), [1.0, 2.0])
-    angle = command - 0.02 * np.sin(np.arange(n) / 300)[:, None] + [0.3, -0.1]  # zeros of the angles are not known
+    # zeros of the angles are not known
+    angle = command - 0.02 * np.sin(np.arange(n) / 300)[:, None] + [0.3, -0.1]
     record = ServoRecord(4e-3 * np.arange(n), command, angle)
     fit = made(record=record)
     sd = np.arange(1.0, 10.0) * 1e-3
@@ -181,11 +204,18 @@ def test_a_result_tells_what_is_explained_and_what_is_noise() -> None:
     slow = np.cos(np.arange(n) / 500)
     e = np.stack([1e-3 * rng.normal(size=n) + 5e-3 * slow, 0.0 * slow], axis=1)
     found = fit.result(p, e.ravel(), np.ones((2 * n, 9)), True)
-    assert (found.latency_s, found.converged, found.motors, found.model) == (8e-3, True, ("m1", "m2"), "arm")
+    assert (found.latency_s, found.converged, found.motors, found.model) == (
+        8e-3,
+        True,
+        ("m1", "m2"),
+        "arm",
+    )
     assert_allclose(found.gain_sd, sd[:6].reshape(3, 2))
     assert found.common_sd["speed_feedforward"] == 7e-3 and found.common_sd["latency_s"] == sd[8]
     ends = [identify.filter_of_delay(d, H) for d in (0.0, 6e-3, 14e-3)]
-    assert found.common_sd["reference_filter_s"] == pytest.approx(max(ends[1] - ends[0], ends[2] - ends[1]))
+    assert found.common_sd["reference_filter_s"] == pytest.approx(
+        max(ends[1] - ends[0], ends[2] - ends[1])
+    )
     assert_allclose(found.unexplained, np.sqrt((e**2).mean(axis=0)))
     assert found.noise[0] == pytest.approx(1e-3, rel=0.05)
     lag = (command - angle) @ np.diag([100.0, -50.0])
@@ -206,13 +236,18 @@ def test_commands_with_a_latency_are_mixed_between_samples_where_they_are_held()
         def sent(k: int) -> np.ndarray:
             return np.floor(np.maximum(np.arange(150) - k, 0) / 4)
 
-        assert_allclose(held._late(late) @ steps, (1 - part) * sent(whole) + part * sent(whole + 1), atol=1e-9)
+        assert_allclose(
+            held._late(late) @ steps, (1 - part) * sent(whole) + part * sent(whole + 1), atol=1e-9
+        )
     lines = made(record=record, time=time)
     assert_allclose(lines._late(2.25e-3) @ steps, np.maximum(time - 2.25e-3, 0.0) / 4e-3, atol=1e-9)
 
 
 def test_records_that_do_not_fit_a_robot_are_refused() -> None:
-    limits = {f"element.{x}_deg": y for x, y in (("upper.dof.q1.lower", -90.0), ("upper.dof.q1.upper", 90.0))}
+    limits = {
+        f"element.{x}_deg": y
+        for x, y in (("upper.dof.q1.lower", -90.0), ("upper.dof.q1.upper", 90.0))
+    }
     robot = flexgen.read("elbow", overrides=limits)
     t = 4e-3 * np.arange(400)
     move = np.clip((t - 0.1) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]
@@ -224,12 +259,20 @@ def test_records_that_do_not_fit_a_robot_are_refused() -> None:
     beyond = 100.0 + move * [50.0, 0.5]
     early = np.clip((t - 0.04) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]
     identify._check_record(record(move, 4.99 * move), robot)
-    identify._check_record(record(np.clip((t - 0.0555) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]), robot)
+    identify._check_record(
+        record(np.clip((t - 0.0555) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]), robot
+    )
     identify._check_record(record(1.55 + move), robot)  # within at its begin
     rest = "expected that it begins at rest"
     for given, text in (
-        (ServoRecord(t, move[:, :1], move[:, :1]), "record: given 1 joints, expected 2 as of elbow"),
-        (record(still), "run.csv: given commands that do not move q2, expected that every joint moves"),
+        (
+            ServoRecord(t, move[:, :1], move[:, :1]),
+            "record: given 1 joints, expected 2 as of elbow",
+        ),
+        (
+            record(still),
+            "run.csv: given commands that do not move q2, expected that every joint moves",
+        ),
         (
             record(beyond),
             "run.csv: given commands of q1 from 100 to 150 rad, all beyond its limits, expected some within; the unit "
@@ -272,7 +315,9 @@ class Loop:
         return Made(q_m=rows[:, :, :2])
 
 
-def servo_angles(p: np.ndarray, time: np.ndarray, record: ServoRecord, eta: np.ndarray) -> np.ndarray:
+def servo_angles(
+    p: np.ndarray, time: np.ndarray, record: ServoRecord, eta: np.ndarray
+) -> np.ndarray:
     """Angles of the motors at the instants of the record, by the recursions of a servo whose speeds are perfect."""
     k_p, (f, d, late) = np.exp(p[:2]), p[6:]
     motors = record.command @ eta.T
@@ -300,7 +345,14 @@ def test_residuals_and_slopes_are_those_of_the_servo(monkeypatch: pytest.MonkeyP
     measured = (record.angle - record.angle[0] + command[0]) @ robot.eta.T
     rest = np.array([0.3, 0.4]), np.array([7.0, -8.0])
     fit = made(
-        robot=robot, record=record, time=time, measured=measured, library="c", rest=rest, rate=50.0, gears="gears"
+        robot=robot,
+        record=record,
+        time=time,
+        measured=measured,
+        library="c",
+        rest=rest,
+        rate=50.0,
+        gears="gears",
     )
     p = np.concatenate([np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0]), [0.6, 3e-3, 2.4e-3]])
     Loop.made.clear()
@@ -318,12 +370,23 @@ def test_residuals_and_slopes_are_those_of_the_servo(monkeypatch: pytest.MonkeyP
         assert_allclose(J[:, k], slope, atol=6e-3 * np.abs(slope).max() + 1e-9)
     (loop,) = Loop.made
     model, library, hardware, law, q_a, q_m, rate = loop.given
-    assert (model, library, rate, loop.late, loop.asked, loop.parameters) == (robot, "c", 50.0, 2, None, "gears")
-    assert (hardware.sample_s, hardware.delay_s) == (H, pytest.approx(0.3e-3)) and not hardware.torque_max_Nm
+    assert (model, library, rate, loop.late, loop.asked, loop.parameters) == (
+        robot,
+        "c",
+        50.0,
+        2,
+        None,
+        "gears",
+    )
+    assert (hardware.sample_s, hardware.delay_s) == (
+        H,
+        pytest.approx(0.3e-3),
+    ) and not hardware.torque_max_Nm
     assert_allclose(q_a, np.tile(rest[0], (10, 1)))
     assert_allclose(q_m, np.tile(command[0] @ robot.eta.T, (10, 1)))
     assert_allclose(
-        law.position_gain[:3], np.array([[20.0, 30.0]] * 3) * [[1, 1], [np.exp(1e-3), 1], [1, np.exp(1e-3)]]
+        law.position_gain[:3],
+        np.array([[20.0, 30.0]] * 3) * [[1, 1], [np.exp(1e-3), 1], [1, np.exp(1e-3)]],
     )
     assert_allclose(law.speed_gain[[0, 3]], [[5.0, 4.0], [5.0 * np.exp(1e-3), 4.0]])
     Loop.made.clear()
@@ -351,7 +414,8 @@ def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.Monkey
     assert_allclose(fit.measured, (command + 0.01 * (t - 1.0)[:, None]) @ eta)
     assert (fit.library, fit.gears, fit.interpolation) == (["forward_dynamics"], None, "cubic")
     weight = evaluate(derive(robot).function("gravity"), fit.rest[0][None])[0].ravel()
-    assert_allclose(eta @ fit.rest[1], weight, rtol=1e-6)  # the motors carry the arm, which hangs in its springs
+    # the motors carry the arm, which hangs in its springs
+    assert_allclose(eta @ fit.rest[1], weight, rtol=1e-6)
     K = [dof.gear.spring.stiffness for element in robot.elements for dof in element.dofs]  # type: ignore[union-attr]
     assert_allclose(command[0] - fit.rest[0], weight / K, rtol=1e-3)
     still = np.zeros((1, 2))
@@ -360,24 +424,42 @@ def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.Monkey
     assert_allclose(fit.cascade.speed_gain, expected.speed_gain, rtol=1e-2)
     assert_allclose(fit.cascade.position_gain, expected.position_gain, rtol=1e-2)
     own = Servo(cascade(), sample_time=H)
-    assert identify._Fit.begin(robot, record, own, "linear", lambda line: None).cascade is own.feedback
+    assert (
+        identify._Fit.begin(robot, record, own, "linear", lambda line: None).cascade is own.feedback
+    )
 
 
 def test_angles_that_repeat_while_the_command_moves_are_stated() -> None:
     t = 4e-3 * np.arange(301)
-    command = np.column_stack([np.clip(t - 0.2, 0.0, 0.8), np.clip(2.0 * t - 0.4, 0.0, 1.6)])  # both rest at the ends
+    # both rest at the ends
+    command = np.column_stack([np.clip(t - 0.2, 0.0, 0.8), np.clip(2.0 * t - 0.4, 0.0, 1.6)])
 
     def fit(step: float) -> ServoFit:
         record = ServoRecord(t, command, step * np.round(command / step) if step else command)
         numbers = np.array([1e-5, 1e-5])
         servo = Servo(cascade(), sample_time=H)
         return ServoFit(
-            servo, 0.0, np.ones((3, 2)), {}, numbers, numbers, 1.0, True, ("m1", "m2"), record, "linear", "arm"
+            servo,
+            0.0,
+            np.ones((3, 2)),
+            {},
+            numbers,
+            numbers,
+            1.0,
+            True,
+            ("m1", "m2"),
+            record,
+            "linear",
+            "arm",
         )
 
     assert fit(0.0).repeated == 0.0 and "repeat" not in fit(0.0).sentence()
-    assert fit(6e-3).repeated == pytest.approx(1 / 3, abs=0.01) and "repeat" not in fit(6e-3).sentence()
-    assert fit(8e-3).repeated == pytest.approx(1 / 2, abs=0.01)  # the second joint crosses each step in one sample
+    assert (
+        fit(6e-3).repeated == pytest.approx(1 / 3, abs=0.01)
+        and "repeat" not in fit(6e-3).sentence()
+    )
+    # the second joint crosses each step in one sample
+    assert fit(8e-3).repeated == pytest.approx(1 / 2, abs=0.01)
     assert fit(8e-3).sentence() == (
         "servo identified, 100 % of the lag of the robot explained; angles repeat in 50 % of the samples: finer "
         "angles, or a faster motion"

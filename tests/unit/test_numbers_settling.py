@@ -39,7 +39,9 @@ def motion(n_post: int, decay: float, size: float) -> Motion:
     return Motion(arm, -arm / decay, arm / decay**2, x + 3.0, x + 2.0, -x, x + 4.0, n_post)
 
 
-END = Made(q_a=np.array([1.0, 0.0]), tau_g=np.array([3.0]), q_m=np.array([2.0]), tau_m=np.array([4.0]))
+END = Made(
+    q_a=np.array([1.0, 0.0]), tau_g=np.array([3.0]), q_m=np.array([2.0]), tau_m=np.array([4.0])
+)
 
 
 @pytest.fixture
@@ -54,14 +56,31 @@ def case(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
 
     monkeypatch.setattr(settling, "_measure_remaining", remaining)
 
-    def made(decay: float, size: float = 0.01, *, known: float | None = None, window: float = 5.0, **more: Any) -> Any:
+    def made(
+        decay: float,
+        size: float = 0.01,
+        *,
+        known: float | None = None,
+        window: float = 5.0,
+        **more: Any,
+    ) -> Any:
         lines: list[str] = []
         asked: list[int] = []
         zeros = np.array([-1.0 / (known or decay), 30.0])
         model = Made(n_e=1, motors=[Made(inertia=0.5)])
-        problem = Made(at_rest=lambda t: None, path=Made(duration=1.0), equations=Made(model=model), accuracy=1e-3)
+        problem = Made(
+            at_rest=lambda t: None,
+            path=Made(duration=1.0),
+            equations=Made(model=model),
+            accuracy=1e-3,
+        )
         vars(problem).update(
-            {"gear_settling": 0.0, "windows": (0.5, window), "zeros": [(0.0, zeros)], "log": lines.append}
+            {
+                "gear_settling": 0.0,
+                "windows": (0.5, window),
+                "zeros": [(0.0, zeros)],
+                "log": lines.append,
+            }
         )
         vars(problem).update(more)
 
@@ -76,7 +95,9 @@ def case(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
 
 def kept(found: Motion, n_post: int) -> None:
     """The last of the samples is the equilibrium."""
-    assert found.n_post == n_post and all(len(getattr(found, f.name)) == 10 + n_post for f in fields(found)[:7])
+    assert found.n_post == n_post and all(
+        len(getattr(found, f.name)) == 10 + n_post for f in fields(found)[:7]
+    )
     assert_allclose(found.q_a[-1], END.q_a)
     assert not found.v_a[-1].any() and not found.a_a[-1].any() and not found.v_m[-1].any()
     assert (found.tau_g[-1], found.q_m[-1], found.tau_m[-1]) == (3.0, 2.0, 4.0)
@@ -108,7 +129,8 @@ def test_a_motion_that_needs_more_time_gets_it(case: Callable[..., Any]) -> None
     assert asked == [500, int(longer / PERIOD)] and warnings == ("gears",)
     assert lines == [f"vibrations decay with 1 s: inverting until {longer:.3g} s after the path"]
     kept(found, int(np.floor(np.log(1e4) / PERIOD)) + 1)
-    problem, invert, _, asked = case(1.0, window=4.9)  # where its zeros need less: what is left is rounding
+    # where its zeros need less: what is left is rounding
+    problem, invert, _, asked = case(1.0, window=4.9)
     found, _ = until_settled(problem, invert, 500)
     assert asked == [500] and found.n_post == 500
     before, u = motion(500, 1.0, 0.01), np.linspace(0.0, 1.0, 250)
@@ -117,7 +139,10 @@ def test_a_motion_that_needs_more_time_gets_it(case: Callable[..., Any]) -> None
     assert_allclose(found.q_a[260:, 1], w * before.q_a[260:, 1], atol=1e-15)
     assert_allclose(found.tau_g[260:, 0] - 3.0, w * (before.tau_g[260:, 0] - 3.0), atol=1e-15)
     deviation = before.q_m[260:, 0] - 2.0
-    slope, bend = (np.gradient(x, u * 249 * PERIOD, edge_order=2) for x in (w, np.gradient(w, u * 249 * PERIOD)))
+    slope, bend = (
+        np.gradient(x, u * 249 * PERIOD, edge_order=2)
+        for x in (w, np.gradient(w, u * 249 * PERIOD))
+    )
     torque = w * deviation + 0.5 * (2 * slope * before.v_m[260:, 0] + bend * deviation)
     assert_allclose(found.tau_m[260:, 0] - 4.0, torque, atol=2e-3 * np.abs(torque).max())
 
@@ -136,7 +161,9 @@ def test_a_motion_that_does_not_decay_is_told(case: Callable[..., Any]) -> None:
     for decay, size, again in ((80.0, 0.005, True), (90.0, 0.005, False), (80.0, 0.02, False)):
         problem, invert, lines, asked = case(decay, size)
         first = invert(500)
-        until_settled(problem, lambda n, first=first: first if n == 500 else motion(n, 0.01, 0.01), 500)
+        until_settled(
+            problem, lambda n, first=first: first if n == 500 else motion(n, 0.01, 0.01), 500
+        )
         assert len(asked) == 1 and len(lines) == again
 
 

@@ -56,7 +56,10 @@ def test_errors_of_files_have_their_place_and_are_pickled() -> None:
         "0",
         "a number",
     )
-    assert suggestion("slove", ["solve", "sweep"]) == "; did you mean 'solve'?" and suggestion("xyz", ["solve"]) == ""
+    assert (
+        suggestion("slove", ["solve", "sweep"]) == "; did you mean 'solve'?"
+        and suggestion("xyz", ["solve"]) == ""
+    )
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
@@ -84,7 +87,10 @@ def test_sizes_have_a_prefix(value: float | None, text: str) -> None:
 def test_times_and_figures_as_texts() -> None:
     times = ((0.2, "1 s"), (1.4, "1 s"), (99.4, "99 s"), (100.0, "2 min"), (150.1, "3 min"))
     assert all(duration(seconds) == text for seconds, text in times)
-    assert both_measured(4.2e-3, 3e-6) == "4.2 mm and 3 urad" and both_measured(None, 0.5) == "500 mrad"
+    assert (
+        both_measured(4.2e-3, 3e-6) == "4.2 mm and 3 urad"
+        and both_measured(None, 0.5) == "500 mrad"
+    )
     assert both_measured(None, None) == ""
     rows = [
         ("a", 2e-3, "m"),
@@ -150,8 +156,15 @@ def test_short_texts_of_values() -> None:
     assert len(long) == len("Point(x=)") + 100 and "..." in long
     named = Made(a="z" * 200)
     assert short_text(named) == f"{repr(named)[:97]}..."
-    assert short_text([1, "a", None, 2.5, 6]) == "1, a, , 2.5, ..." and short_text((1, 2, 3, 4)) == "1, 2, 3, 4"
-    assert short_text({"k": [1, 2]}) == "k: 1, 2" and short_text(None) == "" and short_text(Path("a")) == "a"
+    assert (
+        short_text([1, "a", None, 2.5, 6]) == "1, a, , 2.5, ..."
+        and short_text((1, 2, 3, 4)) == "1, 2, 3, 4"
+    )
+    assert (
+        short_text({"k": [1, 2]}) == "k: 1, 2"
+        and short_text(None) == ""
+        and short_text(Path("a")) == "a"
+    )
 
 
 def test_values_in_messages_have_80_characters() -> None:

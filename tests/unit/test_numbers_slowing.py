@@ -27,7 +27,10 @@ def test_small_excesses_that_much_time_takes_away(needed: float) -> None:
     found, over = slow_down([np.array([1.0, 0.4]), np.array([2.0, 0.6])], excess, slower, 0.0)
     assert found is not None and found[0][1] == 0.4 and found[1][1] == 0.6
     duration = found[0][0] + found[1][0]
-    assert 3.0 * needed <= duration < 3.0 * needed * (1 + (1e-4 if needed > 1.1 else 5e-3)) and len(tried) < 75
+    assert (
+        3.0 * needed <= duration < 3.0 * needed * (1 + (1e-4 if needed > 1.1 else 5e-3))
+        and len(tried) < 75
+    )
     assert over[0] == (3.0, pytest.approx(1e-3 * (1 - 1 / needed))) and over[-1][1] <= 0.0
 
 
@@ -39,7 +42,9 @@ def test_what_no_time_takes_away_and_what_has_no_inversion() -> None:
         raise SolverError("none")
 
     assert slow_down([np.array([1.0, 0.4])], lost, slower, KEPT) == (None, [(1.0, np.inf)])
-    assert len(slow_down([np.array([1.0, 0.4])], lambda x: np.ones(1), lambda x, e: x, KEPT)[1]) == 200
+    assert (
+        len(slow_down([np.array([1.0, 0.4])], lambda x: np.ones(1), lambda x, e: x, KEPT)[1]) == 200
+    )
 
     def edge(x: list[np.ndarray]) -> np.ndarray:  # no inversion between the last steps
         if 2.0 < x[0][0] < 2.1:
@@ -53,7 +58,10 @@ def test_what_no_time_takes_away_and_what_has_no_inversion() -> None:
 def test_any_speed_is_stated_only_where_it_was_shown() -> None:
     """By the excess at rest, extrapolated with 1 / T, of limits that hold at each instant."""
     static = [(1.0, 0.9), (25.0, 0.02 + 0.4 / 25), (32.0, 0.02 + 0.4 / 32)]
-    assert in_words(static, False) == "at any speed; increase them: holding the robot needs 1.0325 of a limit"
+    assert (
+        in_words(static, False)
+        == "at any speed; increase them: holding the robot needs 1.0325 of a limit"
+    )
     tried = "at the speeds that were tried, up to 32 s; increase them: it needs"
     assert in_words(static, True) == f"{tried} 1.0325 of a limit"
     falling = [(1.0, 0.9), (25.0, 0.4 / 25), (32.0, 0.4 / 32)]  # zero at rest
@@ -61,7 +69,9 @@ def test_any_speed_is_stated_only_where_it_was_shown() -> None:
     assert in_words([(1.0, 0.9), (3.0, 0.00051234)], False).endswith(
         "up to 3 s; increase them: it needs 1.00051 of a limit"
     )
-    assert in_words([(1.0, np.inf)], False).endswith("up to 1 s; increase them: it needs inf of a limit")
+    assert in_words([(1.0, np.inf)], False).endswith(
+        "up to 1 s; increase them: it needs inf of a limit"
+    )
 
 
 @pytest.mark.slow

@@ -28,22 +28,39 @@ def pose() -> PoseModel:
         np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0], [1.0, -1.0]]),
     )
     C = np.vstack([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], np.zeros(4), A[3]])
-    D_u, D_arm = np.vstack([np.zeros((3, 2)), [0.2, 0.8]]), np.vstack([np.zeros((3, 2)), [1.0, -1.0]])
+    D_u, D_arm = (
+        np.vstack([np.zeros((3, 2)), [0.2, 0.8]]),
+        np.vstack([np.zeros((3, 2)), [1.0, -1.0]]),
+    )
     return PoseModel(A, B, np.zeros((4, 3)), arm, C, D_u, D_arm, np.zeros((1, 4)))
 
 
 def test_gains_give_the_mean_of_all_states_under_all_measurements() -> None:
     """Forces fade in 0.3 s; noise of the torque 1e-3 of the largest one; disturbances grow by 0.1 of it in a second."""
-    at, force, noise, largest = pose(), np.array([2.0, 0.7]), np.array([1e-4, 2e-4, 0.05]), np.array([40.0, 25.0])
+    at, force, noise, largest = (
+        pose(),
+        np.array([2.0, 0.7]),
+        np.array([1e-4, 2e-4, 0.05]),
+        np.array([40.0, 25.0]),
+    )
     model: Any = Made(motors=[Made(torque_max=x) for x in largest], n_m=2, n_a=2)
     made = object.__new__(PathSmoother)
     channels = Made(index=np.array([0, 1, 3]), noise=noise)
     torque = Noises(model, smoother.TORQUE_NOISE, smoother.DISTURBANCE_RATE)
-    vars(made).update(channels=channels, model=model, sample_s=H, samples=100, _begin=0, _torque=torque, _force=force)
+    vars(made).update(
+        channels=channels,
+        model=model,
+        sample_s=H,
+        samples=100,
+        _begin=0,
+        _torque=torque,
+        _force=force,
+    )
     gains = made._gains(at)
     made._F, made._G, made._C, made._D, made._M, made._J = (x[None] for x in gains)
 
-    n, fade = 25, np.exp(-H / 0.3)  # states: 4 of the masses, disturbances of both motors, two forces
+    # states: 4 of the masses, disturbances of both motors, two forces
+    n, fade = 25, np.exp(-H / 0.3)
     held = expm(H * np.block([[at.A, at.B * largest, at.arm * force], [np.zeros((4, 8))]]))
     F = np.vstack([held[:4], np.eye(8)[4:] * [1, 1, 1, 1, 1, 1, fade, fade]])
     G = np.vstack([held[:4, 4:6] / largest, np.zeros((4, 2))])
@@ -62,7 +79,9 @@ def test_gains_give_the_mean_of_all_states_under_all_measurements() -> None:
     powers = [np.eye(8)]
     for _ in range(n):
         powers.append(F @ powers[-1])
-    maps = np.block([[powers[j - i] if i <= j else np.zeros((8, 8)) for i in range(n)] for j in range(n)])
+    maps = np.block(
+        [[powers[j - i] if i <= j else np.zeros((8, 8)) for i in range(n)] for j in range(n)]
+    )
     prior = maps @ block_diag(first, *[Q] * (n - 1)) @ maps.T  # of all states
     all_C = block_diag(*[C] * n)
     seen = (dy - np.array(driven) @ C.T - du @ D.T).ravel()
@@ -72,7 +91,9 @@ def test_gains_give_the_mean_of_all_states_under_all_measurements() -> None:
     assert_allclose(made.deviation(dy, du), expected[:, :2], rtol=0, atol=1e-8 * size)
 
 
-def test_expected_forces_are_shares_of_their_change_along_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_expected_forces_are_shares_of_their_change_along_the_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A fiftieth of the loads of coordinates with elastic gears, a fifth of the others and of the springs of gears."""
     model = flexgen.read("planar5_nmp")
     geared = [c.dof is not None and c.dof.gear is not None for c in model.coordinates]
@@ -84,7 +105,8 @@ def test_expected_forces_are_shares_of_their_change_along_the_motion(monkeypatch
     library = Made(inverse_dynamics=lambda *_: tau)
     monkeypatch.setattr(smoother, "library_with", lambda model, names: library)
     motion = {name: np.zeros((3, model.n_a)) for name in ("q_a", "v_a", "a_a")}
-    change = np.array([10.0, 0.01, *[2.0] * (model.n_a - 2)])  # at least a thousandth of the largest
+    # at least a thousandth of the largest
+    change = np.array([10.0, 0.01, *[2.0] * (model.n_a - 2)])
     share = np.where(geared, 0.02, 0.2)
     assert 0 < sum(geared) < model.n_a
     found = made._forces(Made(motion=motion))  # type: ignore[arg-type]
@@ -107,9 +129,13 @@ def test_a_motion_has_gains_at_forty_places(monkeypatch: pytest.MonkeyPatch) -> 
     for count, samples in ((80, 2), (81, 3)):
         parts = -(-count // samples)
         time = 0.1 * np.arange(count) - 1.0
-        reference: Any = Made(time=time, begin=-0.45, parts=lambda n, k=parts: (np.arange(float(k)),) * 7)
+        reference: Any = Made(
+            time=time, begin=-0.45, parts=lambda n, k=parts: (np.arange(float(k)),) * 7
+        )
         asked.clear()
         made = PathSmoother(Made(model=model), reference, 0.1)  # type: ignore[arg-type]
-        assert made.samples == samples and made._begin == 6 and asked == list(np.arange(float(parts)))
+        assert (
+            made.samples == samples and made._begin == 6 and asked == list(np.arange(float(parts)))
+        )
         assert (made._torque.torque, made._torque.rate) == (1e-3, 0.1)
         assert_allclose(made._J[:, 0], asked)

@@ -40,14 +40,18 @@ def test_horizons_of_a_block_are_whole_periods() -> None:
     assert (found.intervals, found.look_ahead, found.period) == (15, pytest.approx(0.3), 0.02)
     for wrong in (0.31, 0.0, -0.02, 1e6):
         with pytest.raises(
-            ArgumentError, match=rf"^look_ahead: given {wrong} s, expected 1 to \d+ times the period of"
+            ArgumentError,
+            match=rf"^look_ahead: given {wrong} s, expected 1 to \d+ times the period of",
         ):
             _with(options, wrong)
     found = _at_samples(options, 0.004)
     assert (found.samples_per_interval, found.intervals) == (5, 10)
     assert (found.period, found.look_ahead) == (pytest.approx(0.02), pytest.approx(0.2))
     found = _at_samples(options, 0.006)  # three of them in a period that is shorter
-    assert (found.samples_per_interval, found.intervals) == (3, 12) and found.look_ahead == pytest.approx(12 * 0.018)
+    assert (found.samples_per_interval, found.intervals) == (
+        3,
+        12,
+    ) and found.look_ahead == pytest.approx(12 * 0.018)
     found = _at_samples(options, 0.05)
     assert (found.samples_per_interval, found.intervals, found.period) == (1, 4, 0.05)
 
@@ -95,7 +99,9 @@ def test_a_motion_through_a_spline_has_its_derivatives() -> None:
     before = np.zeros((30, 3))
     reduction: Any = Kept()
     sample: Any = "sample"
-    assert _smooth_by_spline(reduction, sample, t, before, nodes, q_e) == "sample" and not before.any()
+    assert (
+        _smooth_by_spline(reduction, sample, t, before, nodes, q_e) == "sample" and not before.any()
+    )
     assert_allclose(kept["q"][:, 1:] - 1.0, t[:, None] ** 8 / 256 * rate, atol=1e-9)
     assert_allclose(kept["q"][:, 0], 1.0)
     factor = 1.0
@@ -107,9 +113,15 @@ def test_a_motion_through_a_spline_has_its_derivatives() -> None:
 
 def test_a_wrong_pose_of_the_tool_is_refused() -> None:
     p, R = np.array([0.5, 0.6, 1.2]), np.eye(3)
-    for wrong in (np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 1.1]), R + 2e-6 * np.eye(3, k=1), np.zeros((3, 3))):
+    for wrong in (
+        np.diag([1.0, 1.0, -1.0]),
+        np.diag([1.0, 1.0, 1.1]),
+        R + 2e-6 * np.eye(3, k=1),
+        np.zeros((3, 3)),
+    ):
         with pytest.raises(
-            ArgumentError, match=r"^rotation: given a matrix that is not a rotation, expected orthogonal"
+            ArgumentError,
+            match=r"^rotation: given a matrix that is not a rotation, expected orthogonal",
         ):
             kinematics("manutec_r3", p, wrong)
     for position, rotation in ((p[:2], R), (p, R[:2]), (p[:, None], R)):
@@ -117,7 +129,9 @@ def test_a_wrong_pose_of_the_tool_is_refused() -> None:
         with pytest.raises(ArgumentError) as caught:
             kinematics("manutec_r3", position, rotation)
         assert str(caught.value) == shapes
-    with pytest.raises(ArgumentError, match=r"^fixed: given joint 'q9', expected some of q1, q2, q3, q4, q5, q6$"):
+    with pytest.raises(
+        ArgumentError, match=r"^fixed: given joint 'q9', expected some of q1, q2, q3, q4, q5, q6$"
+    ):
         kinematics("manutec_r3", p, R, fixed={"q9": 0.0})
 
 
@@ -148,7 +162,9 @@ def test_a_step_of_levenberg_and_marquardt_stays_within_bounds() -> None:
     assert np.abs(far[:3]).max() == pytest.approx(LONGEST_STEP)
 
 
-def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """What is given to the smoother: measurements minus the reference, torques as they acted; a lost robot stays."""
     given: dict[str, Any] = {}
 
@@ -157,12 +173,18 @@ def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(monkeypatch: pyte
             given.update(dy=dy, du=du)
             return np.full((6, 2), 0.5)
 
-    def output_errors(equations: Any, reference: Any, q_a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def output_errors(
+        equations: Any, reference: Any, q_a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         return q_a - 1.0, q_a[:, 0]
 
     monkeypatch.setattr(learn, "output_errors", output_errors)
     made: Any = object.__new__(learn._Smoothed)
-    made._case, made._channels, made._name = SimpleNamespace(equations=None), SimpleNamespace(index=[2, 0]), "a"
+    made._case, made._channels, made._name = (
+        SimpleNamespace(equations=None),
+        SimpleNamespace(index=[2, 0]),
+        "a",
+    )
     made._smoother = Smoother()
 
     @dataclass(frozen=True)
@@ -188,7 +210,9 @@ def test_a_smoothed_run_has_the_errors_of_the_estimated_motion(monkeypatch: pyte
     t = np.arange(6.0)[:, None]
     motion = {"q_m": np.hstack([t, t]), "q_a": np.hstack([2 * t, 3 * t])}
     reference = SimpleNamespace(motion=motion, y_s=t, held=np.hstack([t, t]))
-    robot = Robot(motion["q_m"] + [0.1, 0.2], t + 0.3, np.hstack([t, t]) + np.arange(12.0).reshape(6, 2))
+    robot = Robot(
+        motion["q_m"] + [0.1, 0.2], t + 0.3, np.hstack([t, t]) + np.arange(12.0).reshape(6, 2)
+    )
     other = Robot(t, t, t)
     run: Any = One((other, robot), reference, SimpleNamespace(delay_s=5e-4, sample_s=1e-3))
     found = made(run)
@@ -234,7 +258,9 @@ def test_the_tool_of_a_plan_keeps_its_speed_and_acceleration() -> None:
     x = [rng.standard_normal(n) for _ in range(3)]
 
     def place(s: float) -> np.ndarray:
-        return np.array(equations.function("forward_kinematics")(x[0] + s * x[1] + s**2 / 2 * x[2])[0]).ravel()
+        return np.array(
+            equations.function("forward_kinematics")(x[0] + s * x[1] + s**2 / 2 * x[2])[0]
+        ).ravel()
 
     h = 1e-3
     size = np.linalg.norm((place(h) - 2 * place(0.0) + place(-h)) / h**2)
@@ -265,24 +291,34 @@ def test_torques_of_a_plan_keep_their_curves() -> None:
 
 def row(name: str, value: Any, low: float, high: float, slack: float | None = None) -> Any:
     """A row of a plan, or a bound: its value is that of symbols."""
-    return SimpleNamespace(name=name, value=value, lower=np.array([low]), upper=np.array([high]), slack=slack)
+    return SimpleNamespace(
+        name=name, value=value, lower=np.array([low]), upper=np.array([high]), slack=slack
+    )
 
 
 def test_rows_of_a_plan_hold_where_the_arm_rests() -> None:
     """Speeds are zero there, unknown symbols are left out, and a millionth of a value is forgiven."""
     y, dy, free = ca.SX.sym("y", 3), ca.SX.sym("dy", 3), ca.SX.sym("free")
     rows: dict[str, list[Any]] = {"path": [], "start": [], "end": []}
-    phase: Any = SimpleNamespace(signals=SimpleNamespace(y=y, dy=dy), content=SimpleNamespace(rows=rows, bands={}))
+    phase: Any = SimpleNamespace(
+        signals=SimpleNamespace(y=y, dy=dy), content=SimpleNamespace(rows=rows, bands={})
+    )
     at = np.array([2.0, 3.0])
-    rows["path"] = [row("sum", y[0] + y[1] + 7 * dy[0], -np.inf, 5.0), row("unknown", free, 1.0, 2.0)]
+    rows["path"] = [
+        row("sum", y[0] + y[1] + 7 * dy[0], -np.inf, 5.0),
+        row("unknown", free, 1.0, 2.0),
+    ]
     rows["end"] = [row("far", y[0], 9.0, 10.0)]
     start.check_rest(phase, at, "start")
     start.check_rest(phase, at + np.array([0.0, 4e-6]), "start")
     with pytest.raises(
-        SolverError, match=r"^plan: 'sum' is violated by 6e-06 at the start, where the arm is at rest; ch"
+        SolverError,
+        match=r"^plan: 'sum' is violated by 6e-06 at the start, where the arm is at rest; ch",
     ):
         start.check_rest(phase, at + np.array([0.0, 6e-6]), "start")
-    with pytest.raises(SolverError, match=r"^plan: 'far' is violated by 7 at the end, where the arm is at rest"):
+    with pytest.raises(
+        SolverError, match=r"^plan: 'far' is violated by 7 at the end, where the arm is at rest"
+    ):
         start.check_rest(phase, at, "end")
     phase.content.bands = {"q": row("q", y[1], 3.5, 4.0)}
     with pytest.raises(SolverError, match=r"^plan: 'bound of q' is violated by 0\.5 at the start"):
@@ -294,7 +330,8 @@ def test_rows_of_a_plan_hold_where_the_arm_rests() -> None:
         start.check_rest(phase, at, "start", 0.5)
     rows["path"] = [row("root", ca.sqrt(y[0] - 3.0), 0.0, 1.0)]
     with pytest.raises(
-        ArgumentError, match=r"^plan: 'root' is NaN or infinite at the start, expected a finite number$"
+        ArgumentError,
+        match=r"^plan: 'root' is NaN or infinite at the start, expected a finite number$",
     ):
         start.check_rest(phase, at, "start")
 
@@ -315,7 +352,11 @@ def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.Monke
     mesh = SimpleNamespace(N=2, nodes=np.array([0.0, 0.5, 1.0]), h=np.array([0.5, 0.5]))
     signals = SimpleNamespace(symbols=[y, dy, ddy, tau, t, reference], reference=reference)
     phase = SimpleNamespace(
-        content=SimpleNamespace(rows=rows, bands={}), mesh=mesh, signals=signals, duration=duration, number=0
+        content=SimpleNamespace(rows=rows, bands={}),
+        mesh=mesh,
+        signals=signals,
+        duration=duration,
+        number=0,
     )
     monkeypatch.setattr(result, "_between", lambda phase, theta: np.array([0.25, 0.75]))
     layout: Any = SimpleNamespace(phases=[phase], parameters=[])
@@ -327,24 +368,37 @@ def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.Monke
     problem: Any = SimpleNamespace(reference_at=at_of)
     path = np.array([[0.0], [1.0], [2.01], [1.0]])
     zero = np.zeros((4, 1))
-    at: Any = SimpleNamespace(y=path, dy=zero, ddy=zero, tau=zero, t=np.arange(4.0), theta=np.array([2.0]))
+    at: Any = SimpleNamespace(
+        y=path, dy=zero, ddy=zero, tau=zero, t=np.arange(4.0), theta=np.array([2.0])
+    )
     made: Any = SimpleNamespace(names=["a", "a", "b"], scale=np.array([1e-3, 1e-5, 1.0]))
 
     def warnings(*given: Any) -> tuple[str, ...]:
         rows["path"] = list(given)
         found: Any = result._check_bounds(problem, layout, made, at, Planned())  # type: ignore[arg-type]
         assert (found.status == flexgen.Status.TOLERANCE_NOT_MET) == bool(found.warnings)
-        return tuple(text.partition("; take a finer mesh or a margin")[0] for text in found.warnings)
+        return tuple(
+            text.partition("; take a finer mesh or a margin")[0] for text in found.warnings
+        )
 
     inf = np.inf
     assert warnings(row("y", y, -inf, 2.0)) == () and warnings(row("y", y, -inf, 2.001 - 0.02)) == (
         "'y' is violated by 0.029 between the collocation points",
     )
-    assert warnings(row("z", y, -inf, 0.0)) == ("'z' is violated by 2.01 between the collocation points",)
-    assert warnings(row("z", y, 0.0, inf)) == () and warnings(row("z", y, 1e-3, inf)) == ()  # of the range
-    assert warnings(row("z", y - 2e-1, -0.1, inf)) == ("'z' is violated by 0.1 between the collocation points",)
-    assert warnings(row("a", 0.05 * y, -inf, 1e-2)) == () != warnings(row("b", 0.05 * y, -inf, 1e-2))
-    assert warnings(row("s", y, -inf, 2.0, 0.005)) == ("'s' is violated by 0.01 between the collocation points",)
+    assert warnings(row("z", y, -inf, 0.0)) == (
+        "'z' is violated by 2.01 between the collocation points",
+    )
+    # of the range
+    assert warnings(row("z", y, 0.0, inf)) == () and warnings(row("z", y, 1e-3, inf)) == ()
+    assert warnings(row("z", y - 2e-1, -0.1, inf)) == (
+        "'z' is violated by 0.1 between the collocation points",
+    )
+    assert (
+        warnings(row("a", 0.05 * y, -inf, 1e-2)) == () != warnings(row("b", 0.05 * y, -inf, 1e-2))
+    )
+    assert warnings(row("s", y, -inf, 2.0, 0.005)) == (
+        "'s' is violated by 0.01 between the collocation points",
+    )
     assert warnings(row("s", y, -inf, 2.0, 0.03)) == () and not seen
     assert warnings(row("r", y - 2 * reference[0] - 0 * reference[1], -inf, 1.0)) == ()
     assert_allclose(seen[0], [0.125, 0.375, 0.625, 0.875])
@@ -371,7 +425,10 @@ def test_steps_to_a_motor_angle_are_as_many_as_its_bound_needs() -> None:
         while left > 1e-17:
             left, newton = curvature * left**2, newton + 1
         assert motor_harmonics._steps(error, 1.0) == (fixed, newton)
-        assert motor_harmonics._steps(FourierSum((harmonic,), (0.0,), (-size / 3,)), -3.0) == (fixed, newton)
+        assert motor_harmonics._steps(FourierSum((harmonic,), (0.0,), (-size / 3,)), -3.0) == (
+            fixed,
+            newton,
+        )
         q = 0.7
         for step in range(fixed + newton):
             value, rate = size * np.cos(harmonic * q), -size * harmonic * np.sin(harmonic * q)
@@ -381,11 +438,16 @@ def test_steps_to_a_motor_angle_are_as_many_as_its_bound_needs() -> None:
 
 # --- results ----------------------------------------------------------------------------------------------------------
 def test_changes_of_a_model_from_identified_gears() -> None:
-    def number(name: str, value: float, change: tuple[str, str, int], determined: bool = True) -> Number:
+    def number(
+        name: str, value: float, change: tuple[str, str, int], determined: bool = True
+    ) -> Number:
         return Number(name, value, 0.1, "", change, determined)
 
     made: Any = object.__new__(GearFit)
-    laws = {"a.hysteresis": ({"exponent": 2.0}, {"exponent": 3.0}), "b.hysteresis": ({"exponent": 1.5},)}
+    laws = {
+        "a.hysteresis": ({"exponent": 2.0}, {"exponent": 3.0}),
+        "b.hysteresis": ({"exponent": 1.5},),
+    }
     rows = (
         number("q1.stiffness", 5.0, ("a.stiffness", "", -1)),
         number("q1.damping", 6.0, ("a.damping", "", -1), False),
@@ -395,7 +457,12 @@ def test_changes_of_a_model_from_identified_gears() -> None:
         number("c", 0.4, ("motor.m1.cogging", "sin", 1)),
         number("e", 0.5, ("a.transmission_error", "cos", 0)),
     )
-    for name, value in {"numbers": rows, "laws": laws, "cogging": (4, 6), "harmonics": (1,)}.items():
+    for name, value in {
+        "numbers": rows,
+        "laws": laws,
+        "cogging": (4, 6),
+        "harmonics": (1,),
+    }.items():
         object.__setattr__(made, name, value)
     assert made.changes == {
         "a.stiffness": 5.0,
@@ -427,7 +494,14 @@ def test_the_best_pose_of_points_is_a_rotation_and_a_shift() -> None:
 def test_the_frame_of_a_measurement_is_found_from_few_points() -> None:
     """Of a rigid robot at known commands, seen from a frame that is far off; some points were not seen."""
     trackers = [
-        {"name": f"t{k}", "type": "tracker", "element": "tool", "position": place, "unit": "m", "noise": 1e-5}
+        {
+            "name": f"t{k}",
+            "type": "tracker",
+            "element": "tool",
+            "position": place,
+            "unit": "m",
+            "noise": 1e-5,
+        }
         for k, place in enumerate(([0.2, 0.0, 0.1], [0.0, 0.3, 0.0], [0.1, 0.1, 0.3]))
     ]
     model = flexgen.read("manutec_r3", overrides={"sensor": trackers})

@@ -10,10 +10,16 @@ import pytest
 from flexgen.codegen.stream_bounds import Contents, Linear, stream_operations, stream_size
 
 SIZES = {"n_a": 7, "n_g": 5, "n_e": 2, "n_m": 4, "n_y": 3, "n_t": 6}
-OPERATIONS = {"output_constraint": 1009, "inversion_rows": 10007, "gear_law": 101, "inversion_jacobians": 100003}
+OPERATIONS = {
+    "output_constraint": 1009,
+    "inversion_rows": 10007,
+    "gear_law": 101,
+    "inversion_jacobians": 100003,
+}
 PLAIN = Contents(0, False, False, False, False, False, (0, 0, 0))
 SIZE, COUNT = (6671, 683, 65), (20656842, 973445, 246511)  # of the plain stream
-WITH: list[tuple[dict[str, Any], tuple[int, int, int], tuple[int, int, int]]] = [  # and what is more with a content
+# and what is more with a content
+WITH: list[tuple[dict[str, Any], tuple[int, int, int], tuple[int, int, int]]] = [
     ({"elements": 3}, (25, 0, 0), (90671174, 0, 4121417)),
     ({"elements": 3, "curved": True}, (25, 0, 0), (127499174, 0, 5795417)),
     ({"position": True}, (57, 0, 9), (80, 0, 292)),
@@ -35,7 +41,9 @@ def more(found: Linear, less: tuple[int, int, int]) -> tuple[int, int, int]:
     return found.constant - less[0], found.per_interval - less[1], found.per_sample - less[2]
 
 
-@pytest.mark.parametrize(("content", "size", "count"), WITH, ids=[str(list(row[0])) for row in WITH])
+@pytest.mark.parametrize(
+    ("content", "size", "count"), WITH, ids=[str(list(row[0])) for row in WITH]
+)
 def test_contents_of_a_stream_take_memory_and_time(
     content: dict[str, Any], size: tuple[int, int, int], count: tuple[int, int, int]
 ) -> None:
@@ -45,16 +53,21 @@ def test_contents_of_a_stream_take_memory_and_time(
 
 
 @pytest.mark.parametrize(("functions", "count"), CALLED, ids=[str(list(row[0])) for row in CALLED])
-def test_functions_that_a_stream_calls_take_time(functions: dict[str, int], count: tuple[int, int, int]) -> None:
+def test_functions_that_a_stream_calls_take_time(
+    functions: dict[str, int], count: tuple[int, int, int]
+) -> None:
     assert more(stream_operations(SIZES, OPERATIONS | functions, 8, PLAIN), COUNT) == count
 
 
 def test_bounds_of_a_plain_stream() -> None:
     assert more(stream_size(SIZES, 1000, 8, PLAIN), SIZE) == (0, 0, 0)
     assert more(stream_operations(SIZES, OPERATIONS, 8, PLAIN), COUNT) == (0, 0, 0)
-    assert stream_size(SIZES, 1000, 16, PLAIN) == Linear(9095, 683, 65)  # of numbers in single precision
+    # of numbers in single precision
+    assert stream_size(SIZES, 1000, 16, PLAIN) == Linear(9095, 683, 65)
     assert stream_operations(SIZES, OPERATIONS, 16, PLAIN) == Linear(31721290, 1209227, 246511)
     rigid = SIZES | {"n_e": 0}
     assert stream_size(rigid, 1000, 8, PLAIN) == Linear(4465, 501, 65)
     assert stream_operations(rigid, OPERATIONS, 8, PLAIN) == Linear(10262526, 251296, 246391)
-    assert (Linear(1, 2, 3) + Linear(10, 20, 30)).times(2) == Linear(22, 44, 66) and Linear(1, 2, 3).at(10, 100) == 321
+    assert (Linear(1, 2, 3) + Linear(10, 20, 30)).times(2) == Linear(22, 44, 66) and Linear(
+        1, 2, 3
+    ).at(10, 100) == 321

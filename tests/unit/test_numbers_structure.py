@@ -48,13 +48,19 @@ def test_a_stiff_spring_is_removed_from_ten_strong_evidence_on(
     said: list[str] = []
     found = searched.structure(given, data, progress=said.append)
     assert found.removed == removed and found.added == ()
-    tried = [*(f"add {name}" for name in ("q1_u", "q1_v", "q2_u", "q2_v", "arm3_x", "arm3_y")), "remove q3"]
+    tried = [
+        *(f"add {name}" for name in ("q1_u", "q1_v", "q2_u", "q2_v", "arm3_x", "arm3_y")),
+        "remove q3",
+    ]
     assert said[:7] == [f"{words}: {k} of 7" for k, words in enumerate(tried, 1)]
     gain = next(change.gain for change in found.changes if change.name == "q3")
     assert gain == pytest.approx(2 * np.log(2 * 8 * lines), rel=1e-4)
     change = next(c for c in found.changes if c.name == "q3")
     assert change.kept == bool(removed) and change.held_out is None and change.kind == "remove"
-    assert found.model.n_e == (0 if removed else 1) and found.identified.vector.model.n_e == found.model.n_e
+    assert (
+        found.model.n_e == (0 if removed else 1)
+        and found.identified.vector.model.n_e == found.model.n_e
+    )
 
 
 def test_springs_are_changed_by_name_only() -> None:
@@ -69,12 +75,17 @@ def test_springs_are_changed_by_name_only() -> None:
     now: Any = SimpleNamespace(vector=SimpleNamespace(model=missing_springs.without(model, "q3")))
     full: Any = SimpleNamespace(vector=SimpleNamespace(model=model))
     assert searched._removable(model, full, ()) == ["q3"]
-    assert searched._removable(model, full, ["q3"]) == [] and searched._removable(model, now, ()) == []
+    assert (
+        searched._removable(model, full, ["q3"]) == [] and searched._removable(model, now, ()) == []
+    )
     data = responses(model, 3, 3)
     last = searched._part(data, slice(1, None))
     assert_allclose(last.poses, data.poses[1:])
     assert_allclose(last.G, data.G[1:])
-    assert last.total is None and searched._part(replace(data, total=data.variance), slice(0, 1)).total.shape[0] == 1
+    assert (
+        last.total is None
+        and searched._part(replace(data, total=data.variance), slice(0, 1)).total.shape[0] == 1
+    )
 
 
 def test_a_new_spring_is_searched_from_three_frequencies(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,7 +101,8 @@ def test_a_new_spring_is_searched_from_three_frequencies(monkeypatch: pytest.Mon
         if len(tried) == 1:
             raise SolverError("none")
         return SimpleNamespace(
-            cost=[9.0, 2.0, 1.0][len(tried) - 1], status=[None, "x", FitStatus.NOT_CONVERGED][len(tried) - 1]
+            cost=[9.0, 2.0, 1.0][len(tried) - 1],
+            status=[None, "x", FitStatus.NOT_CONVERGED][len(tried) - 1],
         )
 
     monkeypatch.setattr(searched, "_fit", fit)
@@ -100,7 +112,8 @@ def test_a_new_spring_is_searched_from_three_frequencies(monkeypatch: pytest.Mon
     w = 2 * np.pi * np.array([12.0, 35.0, 90.0])
     assert_allclose([k for k, _ in tried], inertia * w**2, rtol=1e-6)
     assert_allclose([d for _, d in tried], 2 * 0.03 * inertia * w, rtol=1e-6)
-    assert best is not None and best.cost == 2.0  # the first has no equilibrium, the third did not converge
+    # the first has no equilibrium, the third did not converge
+    assert best is not None and best.cost == 2.0
 
 
 def test_the_search_keeps_what_is_better_elsewhere_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,11 +158,16 @@ def test_the_search_keeps_what_is_better_elsewhere_too(monkeypatch: pytest.Monke
     assert found.added == ("q1_v",) and found.changes[0] == Change("add", "q1_v", 40.0, 0.5, True)
     assert "q1_u" not in tried or not tried["q1_u"].kept  # better by 60, and as bad at other poses
     assert all(not change.kept for change in found.changes[1:]) and "q2_v" not in tried
-    assert [c.gain for c in found.changes[1:]] == sorted((c.gain for c in found.changes[1:]), reverse=True)
-    both = Structure(model, found.identified, (*found.changes, Change("remove", "q3", 20.0, None, True)))
+    assert [c.gain for c in found.changes[1:]] == sorted(
+        (c.gain for c in found.changes[1:]), reverse=True
+    )
+    both = Structure(
+        model, found.identified, (*found.changes, Change("remove", "q3", 20.0, None, True))
+    )
     assert both.added == ("q1_v",) and both.removed == ("q3",)
     with pytest.raises(
-        ArgumentError, match="structure: given data at one pose, expected two or more: some are held out"
+        ArgumentError,
+        match="structure: given data at one pose, expected two or more: some are held out",
     ):
         searched.structure(model, responses(model, 2, 1))
 
@@ -159,7 +177,9 @@ def test_costs_of_poses_that_were_held_out_are_compared(monkeypatch: pytest.Monk
     model = without_coulomb("planar5_nmp")
     data = responses(model, 4)
     wrong = missing_springs.without(model, "q3")
-    assert searched._hold_out(wrong, model, data) < 1e-6 < 1e3 < searched._hold_out(model, wrong, data)
+    assert (
+        searched._hold_out(wrong, model, data) < 1e-6 < 1e3 < searched._hold_out(model, wrong, data)
+    )
     asked = []
 
     def fit(model: RobotModel, part: flexgen.Frf) -> Any:
@@ -202,20 +222,29 @@ def test_validation_compares_spectra_of_other_experiments(monkeypatch: pytest.Mo
     checked = time_domain.validate(found, experiment, used=1)
     assert asked == [[(0, 0, 1), (1, 1, 0)], "noise"]
     for j in range(2):
-        away = np.sqrt((np.abs(r[..., j] * sd[..., j]) ** 2).sum() / (np.abs(measured[..., j]) ** 2).sum())
+        away = np.sqrt(
+            (np.abs(r[..., j] * sd[..., j]) ** 2).sum() / (np.abs(measured[..., j]) ** 2).sum()
+        )
         assert checked.fit_percent[j] == pytest.approx(100 * (1 - away))
         power = (np.abs(r[..., j]) ** 2).sum()
-        lags = [abs(sum((a[k:] * a[:-k].conj()).sum().real for a in r[..., j])) / power for k in range(1, 21)]
+        lags = [
+            abs(sum((a[k:] * a[:-k].conj()).sum().real for a in r[..., j])) / power
+            for k in range(1, 21)
+        ]
         assert checked.white[j] == pytest.approx(np.mean(np.array(lags) < 2.58 / np.sqrt(2 * 80)))
     assert checked.white[0] > 0.85 > 0.5 > checked.white[1]
     assert checked.cost == pytest.approx((np.abs(r) ** 2).mean())
     time_domain.validate(found, experiment, used=3)
     assert asked[2] == [(0, 1, 1), (1, 0, 0)]
-    with pytest.raises(ArgumentError, match="used: given 4, expected fewer than the 4 experiments at each pose"):
+    with pytest.raises(
+        ArgumentError, match="used: given 4, expected fewer than the 4 experiments at each pose"
+    ):
         time_domain.validate(found, experiment, used=4)
 
 
-def fitted(model: RobotModel, status: FitStatus = FitStatus.FITTED, **changes: Any) -> IdentificationResult:
+def fitted(
+    model: RobotModel, status: FitStatus = FitStatus.FITTED, **changes: Any
+) -> IdentificationResult:
     """A result with scripted numbers."""
     vector = ParameterVector(
         model, ["q1.stiffness", "q2.stiffness", "q3.damping"], ties={"q3.stiffness": "q1.stiffness"}
@@ -242,13 +271,17 @@ def fitted(model: RobotModel, status: FitStatus = FitStatus.FITTED, **changes: A
     return IdentificationResult(**{**values, **changes})
 
 
-@pytest.mark.parametrize(("cost", "fit", "fails"), [(2.1, 99.8, True), (1.9, 99.8, False), (2.1, 99.95, False)])
+@pytest.mark.parametrize(
+    ("cost", "fit", "fails"), [(2.1, 99.8, True), (1.9, 99.8, False), (2.1, 99.95, False)]
+)
 def test_a_validation_fails_by_cost_and_by_percent(cost: float, fit: float, fails: bool) -> None:
     model = flexgen.read("planar5_nmp")
     for status in (FitStatus.FITTED, FitStatus.AT_BOUND):
         checked = Validation((fit, 100.0), cost, (1.0, 1.0))
         after = time_domain.validate_on_others(fitted(model, status), checked).status
-        assert after == (FitStatus.POORLY_VALIDATED if fails and status == FitStatus.FITTED else status)
+        assert after == (
+            FitStatus.POORLY_VALIDATED if fails and status == FitStatus.FITTED else status
+        )
 
 
 def test_frictions_of_a_refinement_are_those_of_the_file() -> None:
@@ -256,7 +289,10 @@ def test_frictions_of_a_refinement_are_those_of_the_file() -> None:
     first, second = model.motors
     motors = (
         replace(first, friction=replace(first.friction, viscous=1.0, coulomb=2.0, beta=3.0)),
-        replace(second, friction=replace(second.friction, viscous=0.0, coulomb=0.0, stribeck=0.0, beta=3.0)),
+        replace(
+            second,
+            friction=replace(second.friction, viscous=0.0, coulomb=0.0, stribeck=0.0, beta=3.0),
+        ),
     )
     other = replace(model, motors=motors)
     names = time_domain._frictions(fitted(other))
@@ -268,7 +304,10 @@ def test_figures_of_a_result_and_robots_drawn_from_it() -> None:
     """Weak parameters (sd of the logarithm above a half) keep the value of the file; the others have the covariance."""
     model = flexgen.read("planar5_nmp")
     found = fitted(model)
-    assert repr(found) == "<IdentificationResult planar5_nmp: fitted, 3 parameters, cost 1.25, 2 of 3 starts>"
+    assert (
+        repr(found)
+        == "<IdentificationResult planar5_nmp: fitted, 3 parameters, cost 1.25, 2 of 3 starts>"
+    )
     assert [found.is_weak(name) for name in found.vector.names] == [False, False, True]
     at_edge = fitted(model, formal_covariance=np.diag([0.24, 0.26, 0.25]))
     assert [at_edge.is_weak(name) for name in at_edge.vector.names] == [False, True, False]
@@ -285,19 +324,29 @@ def test_figures_of_a_result_and_robots_drawn_from_it() -> None:
         }
     )
     robots = verdict.draw_robots(found, 600, 3)
-    drawn = np.array([[c.dof.gear.spring.stiffness for c in r.coordinates if c.dof and c.dof.gear] for r in robots])
+    drawn = np.array(
+        [
+            [c.dof.gear.spring.stiffness for c in r.coordinates if c.dof and c.dof.gear]
+            for r in robots
+        ]
+    )
     logs = np.log(drawn) - found.x[:2]
     assert_allclose(np.cov(logs.T), np.diag([0.01, 0.04]), atol=0.004)
     assert np.abs(logs.mean(axis=0)).max() < 0.02
     dampings = {c.dof.damping for r in robots for c in r.coordinates if c.name == "q3" and c.dof}
     assert dampings == {c.dof.damping for c in model.coordinates if c.name == "q3" and c.dof}
     with pytest.raises(
-        ArgumentError, match="given a result with the status model error, which has no covariance to draw"
+        ArgumentError,
+        match="given a result with the status model error, which has no covariance to draw",
     ):
         verdict.draw_robots(fitted(model, FitStatus.MODEL_ERROR), 1, 0)
     rows = {row["name"]: row for row in found.to_dict()["parameters"]}
-    assert [row["weak"] for row in rows.values()] == [False, False, True] and rows["q1.stiffness"]["sd_is_relative"]
-    with pytest.warns(DeprecationWarning, match=r"given figures\(\), expected its new name, to_dict\(\)"):
+    assert [row["weak"] for row in rows.values()] == [False, False, True] and rows["q1.stiffness"][
+        "sd_is_relative"
+    ]
+    with pytest.warns(
+        DeprecationWarning, match=r"given figures\(\), expected its new name, to_dict\(\)"
+    ):
         assert found.figures() == found.to_dict()
 
 
@@ -315,7 +364,9 @@ def test_a_verdict_compares_four_torques(monkeypatch: pytest.MonkeyPatch) -> Non
         return SimpleNamespace(move=SimpleNamespace(name="line"), from_=stiffness(equations))
 
     def errors(robot: Any, before: Any, solution: Any, control: str) -> dict[str, float | None]:
-        assert stiffness(before) == stiffness(SimpleNamespace(model=model)) and control == "feedback"
+        assert (
+            stiffness(before) == stiffness(SimpleNamespace(model=model)) and control == "feedback"
+        )
         return {"error_max_m": abs(stiffness(robot) - solution.from_), "error_max_rad": None}
 
     monkeypatch.setattr(verdict, "_solve", solve)
@@ -324,16 +375,29 @@ def test_a_verdict_compares_four_torques(monkeypatch: pytest.MonkeyPatch) -> Non
     made = verdict.verdict(found, truth=found.model, progress=said.append)
     old, new = stiffness(SimpleNamespace(model=model)), found.used()["q1.stiffness"]
     assert asked == [(old, "auto"), (new, "auto"), (new, "rigid"), (new, "fjm")]
-    assert made.known and made.robots == 1 and made.move == "line" and said[1] == "model file: robot 1 of 1"
-    assert made["file"].error_m == (pytest.approx(new - old),) and made["identified"].error_m == (0.0,)
+    assert (
+        made.known
+        and made.robots == 1
+        and made.move == "line"
+        and said[1] == "model file: robot 1 of 1"
+    )
+    assert made["file"].error_m == (pytest.approx(new - old),) and made["identified"].error_m == (
+        0.0,
+    )
     assert made["file"].error_rad is None and made["file"].quantile(0.5, "rad") is None
     drawn = verdict.verdict(found, samples=3)
     assert not drawn.known and drawn.robots == 3 and len(drawn["fjm"].error_m) == 3
     row = verdict.VerdictRow("file", (1.0, 2.0, 4.0), (0.5, 0.5, 1.5))
-    assert row.quantile(0.5) == 2.0 and row.quantile(1.0) == 4.0 and row.quantile(0.75, "rad") == 1.0
-    table = verdict.Verdict("line", "feedback", 3, False, (row, verdict.VerdictRow("fjm", None, None)))
+    assert (
+        row.quantile(0.5) == 2.0 and row.quantile(1.0) == 4.0 and row.quantile(0.75, "rad") == 1.0
+    )
+    table = verdict.Verdict(
+        "line", "feedback", 3, False, (row, verdict.VerdictRow("fjm", None, None))
+    )
     assert repr(table) == "<Verdict of line, feedback: file 2.0 m>"
-    assert verdict._values([{"a": 1.0}, {"a": None}], "a") is None and verdict._values([{"a": 1}], "a") == (1.0,)
+    assert verdict._values([{"a": 1.0}, {"a": None}], "a") is None and verdict._values(
+        [{"a": 1}], "a"
+    ) == (1.0,)
 
 
 def test_a_move_without_torques_has_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -341,7 +405,9 @@ def test_a_move_without_torques_has_no_verdict(monkeypatch: pytest.MonkeyPatch) 
     for status in Status:
         solved = SimpleNamespace(status=status, move=SimpleNamespace(name="line"))
         asked = []
-        monkeypatch.setattr(verdict, "solve", lambda *given, s=solved, a=asked, **more: a.append(more) or s)
+        monkeypatch.setattr(
+            verdict, "solve", lambda *given, s=solved, a=asked, **more: a.append(more) or s
+        )
         if status in (Status.SOLVED, Status.BASELINE, Status.LIMITS_EXCEEDED):
             assert verdict._solve(equations, None, "auto") is solved and asked[0]["verify"]
             verdict._solve(equations, None, "rigid")

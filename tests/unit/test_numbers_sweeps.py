@@ -67,7 +67,10 @@ def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> N
     equations = flexgen.derive("elbow")
     model, law = equations.model, TimeLaw(0.8, 6)
     moves = JointMoves(equations, law, step=2e-3)
-    starts, ends = np.array([[0.1, 0.4], [0.5, -0.3], [0.2, 0.9]]), np.array([[0.6, 0.2], [0.1, 0.8], [0.2, 0.1]])
+    starts, ends = (
+        np.array([[0.1, 0.4], [0.5, -0.3], [0.2, 0.9]]),
+        np.array([[0.6, 0.2], [0.1, 0.8], [0.2, 0.1]]),
+    )
     tau = moves.torques(starts, ends)
     peaks = moves.peaks(starts, ends)
     t = moves.t
@@ -75,12 +78,19 @@ def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> N
     function = equations.function("inverse_dynamics")
     stiffness = [c.dof.gear.spring.stiffness for c in model.coordinates]
     damping = [c.dof.gear.damping for c in model.coordinates]
-    side = [1.0 if c.dof.gear.side == "arm" else abs(model.eta[k, k]) for k, c in enumerate(model.coordinates)]
+    side = [
+        1.0 if c.dof.gear.side == "arm" else abs(model.eta[k, k])
+        for k, c in enumerate(model.coordinates)
+    ]
     K, D = np.array(stiffness) * np.square(side), np.array(damping) * np.square(side)
 
     def needed(k: int, at: float) -> np.ndarray:
         s = law(np.array([at]), 2)[0]
-        q, v, a = starts[k] + (ends[k] - starts[k]) * s[0], (ends[k] - starts[k]) * s[1], (ends[k] - starts[k]) * s[2]
+        q, v, a = (
+            starts[k] + (ends[k] - starts[k]) * s[0],
+            (ends[k] - starts[k]) * s[1],
+            (ends[k] - starts[k]) * s[2],
+        )
         return np.array(function(q, v, a)).ravel(), v, a
 
     for k in (0, 1, 2):
@@ -107,7 +117,10 @@ def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> N
     alone = moves.torques(starts[1:2], ends[1:2])
     assert_array_equal(alone[0], tau[1])
     for bad, text in (
-        ((starts[:, :1], ends), r"joint moves: given starts \(3, 1\) and ends \(3, 2\), expected \(N, 2\) for both"),
+        (
+            (starts[:, :1], ends),
+            r"joint moves: given starts \(3, 1\) and ends \(3, 2\), expected \(N, 2\) for both",
+        ),
         ((starts * np.nan, ends), "not finite, expected finite numbers"),
     ):
         with pytest.raises(ArgumentError, match=text):
@@ -119,11 +132,13 @@ def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> N
     with pytest.raises(SolverError, match="joint moves 0 to 2: the torques are not finite"):
         JointMoves(equations, law, broken, 2e-3).torques(starts, ends)
     with pytest.raises(
-        ArgumentError, match=r"a time constant of 0\.00015 s, much less than a sample of 0\.05 s; use flexgen"
+        ArgumentError,
+        match=r"a time constant of 0\.00015 s, much less than a sample of 0\.05 s; use flexgen",
     ):
         JointMoves(equations, law, step=0.05)
     with pytest.raises(
-        ArgumentError, match=r"batch of joint moves: model .* non-actuated coordinates; use flexgen.solve"
+        ArgumentError,
+        match=r"batch of joint moves: model .* non-actuated coordinates; use flexgen.solve",
     ):
         JointMoves(flexgen.derive("planar5_nmp"), law)
 
@@ -133,7 +148,10 @@ def test_limits_of_a_batch() -> None:
     robot = SimpleNamespace(
         i_g=(0, 1),
         coordinates=[SimpleNamespace(dof=dof), SimpleNamespace(dof=None)],
-        motors=[SimpleNamespace(torque_max=5.0, speed_max=None), SimpleNamespace(torque_max=None, speed_max=9.0)],
+        motors=[
+            SimpleNamespace(torque_max=5.0, speed_max=None),
+            SimpleNamespace(torque_max=None, speed_max=9.0),
+        ],
     )
     one = np.ones((1, 2))
 
@@ -168,7 +186,13 @@ def test_a_batch_that_fails_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(batches, "figures", figures)
     found = batches.figures_or_reasons(None, None, np.arange(5.0)[:, None], np.zeros((5, 1)))
-    assert found == [{"x": 0.0}, {"x": 1.0}, {"x": 2.0}, {"status": "failed", "error": "three"}, {"x": 4.0}]
+    assert found == [
+        {"x": 0.0},
+        {"x": 1.0},
+        {"x": 2.0},
+        {"status": "failed", "error": "three"},
+        {"x": 4.0},
+    ]
     assert asked == [5, 2, 3, 1, 2, 1, 1]
 
 
@@ -181,7 +205,9 @@ def test_random_moves_are_within_the_limits() -> None:
     tight = SimpleNamespace(
         dof=SimpleNamespace(lower=-1.0, upper=2.0, speed_max=0.4, acceleration_max=None), unit="rad"
     )
-    slow = SimpleNamespace(dof=SimpleNamespace(lower=-1.0, upper=2.0, speed_max=99.0, acceleration_max=0.3), unit="rad")
+    slow = SimpleNamespace(
+        dof=SimpleNamespace(lower=-1.0, upper=2.0, speed_max=99.0, acceleration_max=0.3), unit="rad"
+    )
     move = unwrap(cases.RandomMove.of)(
         made, SimpleNamespace(n_g=3, i_g=(0, 1, 2), coordinates=[unlimited, tight, slow])
     )
@@ -197,7 +223,9 @@ def test_random_moves_are_within_the_limits() -> None:
     assert (move.name, move.duration, move.smoothness, move.type) == ("random3", 0.5, 4, "joint")
     default = cases.RandomMove(7)
     assert (default.seed, default.duration, default.smoothness) == (0, 1.0, 5)
-    assert [m.number for m in cases.random_moves(3, 1, 2.0, 6)] == [0, 1, 2] and cases.random_moves(0) == ()
+    assert [m.number for m in cases.random_moves(3, 1, 2.0, 6)] == [0, 1, 2] and cases.random_moves(
+        0
+    ) == ()
 
 
 def test_a_grid_counts_models_slowest_and_methods_fastest() -> None:
@@ -214,9 +242,9 @@ def test_a_grid_counts_models_slowest_and_methods_fastest() -> None:
     assert folder.default_size(grid) == 1 and folder.default_size(cases.Grid(["x"] * 640)) == 10
     assert folder.default_size(cases.Grid(["x"] * 6400)) == 16
     assert folder.default_size(cases.Grid(["x"] * 64_000, options={"batch": True})) == 512
-    assert list(sweep._numbers(grid, 2, 10)) == [20, 21, 22, 23] and list(sweep._numbers(grid, 1, 10)) == list(
-        range(10, 20)
-    )
+    assert list(sweep._numbers(grid, 2, 10)) == [20, 21, 22, 23] and list(
+        sweep._numbers(grid, 1, 10)
+    ) == list(range(10, 20))
     assert cases.combinations({"a": [1, 2], "b": ["x"]}) == ({"a": 1, "b": "x"}, {"a": 2, "b": "x"})
     for bad, text in (
         ({"models": "elbow"}, "models"),
@@ -236,18 +264,39 @@ def test_a_grid_counts_models_slowest_and_methods_fastest() -> None:
         "move": "random9",
         "method": "auto",
     }
-    named = Job.of(cases.Case(0, "elbow", {}, Move("m", "joint", (0.0,), 1.0, 5, end=(1.0,)), "lq"), "key")
-    assert named.heading["move"] == "m" and Job.of(cases.Case(0, "x", {}, None, "lq"), "k").heading["move"] == ""
+    named = Job.of(
+        cases.Case(0, "elbow", {}, Move("m", "joint", (0.0,), 1.0, 5, end=(1.0,)), "lq"), "key"
+    )
+    assert (
+        named.heading["move"] == "m"
+        and Job.of(cases.Case(0, "x", {}, None, "lq"), "k").heading["move"] == ""
+    )
 
 
 def test_tables_and_their_summary() -> None:
     rows = [
-        {"case": 0, "model": "a", "method": "lq", "status": "solved", "torque_max": 3.0, "tool_error_max": 1e-6},
-        {"case": 1, "model": "a", "method": "lq", "status": "solved", "torque_max": 7.0, "tool_error_max": None},
+        {
+            "case": 0,
+            "model": "a",
+            "method": "lq",
+            "status": "solved",
+            "torque_max": 3.0,
+            "tool_error_max": 1e-6,
+        },
+        {
+            "case": 1,
+            "model": "a",
+            "method": "lq",
+            "status": "solved",
+            "torque_max": 7.0,
+            "tool_error_max": None,
+        },
         {"case": 2, "model": "b", "method": "lq", "status": "failed", "error": "at 3.1 s"},
     ]
     results = table_of(RESULTS, rows)
-    times = table_of(TIMES, [{"case": k, "cpu": 1.5 + k, "wall": 9.0} for k in range(2)] + [{"case": 2}])
+    times = table_of(
+        TIMES, [{"case": k, "cpu": 1.5 + k, "wall": 9.0} for k in range(2)] + [{"case": 2}]
+    )
     first, second = summary.summarize(results, times)
     assert first == {
         "model": "a",
@@ -267,22 +316,38 @@ def test_tables_and_their_summary() -> None:
         and np.isnan(results["energy"]).all()
         and results["warnings"][0] == ""
     )
-    assert len(results) == 3 and table_of(RESULTS, rows).digest == results.digest != table_of(RESULTS, rows[:2]).digest
+    assert (
+        len(results) == 3
+        and table_of(RESULTS, rows).digest == results.digest != table_of(RESULTS, rows[:2]).digest
+    )
     text = Column("t", "text", "", "")
     assert len(table_of((text,), [{"t": "x" * 500}])["t"][0]) == 400
     columns = (Column("case", "int", "1", ""), Column("x", "float", "1", ""), text)
     good = [{"case": 0, "x": 1.5, "t": "a"}, {"case": 1, "x": None, "more": []}]
     assert (
-        are_rows(good, columns, range(2)) and not are_rows(good, columns, range(3)) and not are_rows("x", columns, [])
+        are_rows(good, columns, range(2))
+        and not are_rows(good, columns, range(3))
+        and not are_rows("x", columns, [])
     )
     for bad in ({"case": 1, "x": "a"}, {"case": 1, "x": 2**63}, {"case": 1.0}, {"case": 2}, 7):
         assert not are_rows([good[0], bad], columns, range(2))
-    assert are_rows([{"case": -(2**63)}], columns, [-(2**63)]) and not are_rows([{"case": 2**63}], columns, [2**63])
-    assert [sweep._span(x) for x in (99.4, 100.0, 5999.0, 6000.0)] == ["99 s", "2 min", "100 min", "1.7 h"]
+    assert are_rows([{"case": -(2**63)}], columns, [-(2**63)]) and not are_rows(
+        [{"case": 2**63}], columns, [2**63]
+    )
+    assert [sweep._span(x) for x in (99.4, 100.0, 5999.0, 6000.0)] == [
+        "99 s",
+        "2 min",
+        "100 min",
+        "1.7 h",
+    ]
     lines: list[str] = []
     report = sweep._Progress(10, 4, lines.append)
-    report.add(SimpleNamespace(results=[{"status": "failed"}, {"status": "solved"}, {"status": "solved"}]))
-    assert lines[0] == "6 of 10 cases are finished already" and lines[1].startswith("9 of 10 cases, 1 failed, ")
+    report.add(
+        SimpleNamespace(results=[{"status": "failed"}, {"status": "solved"}, {"status": "solved"}])
+    )
+    assert lines[0] == "6 of 10 cases are finished already" and lines[1].startswith(
+        "9 of 10 cases, 1 failed, "
+    )
 
 
 def test_wrong_arguments_of_a_sweep() -> None:
@@ -326,7 +391,9 @@ UNARY = {
     "quotient": lambda x: (x + 1) / (2 + x * x),
     "switch": lambda x: ca.if_else(x > 1, x * x, x),
     "power of": lambda x: x**x,
-    "logic": lambda x: x * ca.logic_and(x > 0, x <= 1) + ca.logic_or(x == 1, x != 2) - ca.logic_not(x) + (x < 3),
+    "logic": lambda x: (
+        x * ca.logic_and(x > 0, x <= 1) + ca.logic_or(x == 1, x != 2) - ca.logic_not(x) + (x < 3)
+    ),
 }
 
 
@@ -350,9 +417,15 @@ def test_series_of_an_operation_are_its_derivatives_along_a_curve(name: str) -> 
 def test_series_of_functions_with_many_entries() -> None:
     x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
     function = ca.Function("f", [x, y], [ca.vertcat(x[0] * y, 3.0), ca.diag(x * y)])
-    series = np.random.default_rng(4).normal(size=(3, 2, 2)), np.random.default_rng(5).normal(size=(3, 2, 1))
+    series = (
+        np.random.default_rng(4).normal(size=(3, 2, 2)),
+        np.random.default_rng(5).normal(size=(3, 2, 1)),
+    )
     column, square = SeriesFunction(function)(*series)
-    product = [series[0][:, 0] * series[1][:, 0], series[0][:, 0] * series[1][:, 1] + series[0][:, 1] * series[1][:, 0]]
+    product = [
+        series[0][:, 0] * series[1][:, 0],
+        series[0][:, 0] * series[1][:, 1] + series[0][:, 1] * series[1][:, 0],
+    ]
     assert_allclose(column[:, :, 0], np.stack([p[:, 0] for p in product], axis=1))
     assert_allclose(column[:, :, 1], [[3.0, 0.0]] * 3)
     for k in range(2):
@@ -386,10 +459,14 @@ def test_targets_of_a_pose_are_the_derivatives_of_its_rotation() -> None:
     assert_allclose(found[0, :3], y[0, :, :4])
     for k in range(4):
         assert_allclose(found[0, 3:, k], expected[k].T.ravel(), atol=1e-12)
-    with pytest.raises(ArgumentError, match="path: given derivatives up to order 4, expected up to order 5"):
+    with pytest.raises(
+        ArgumentError, match="path: given derivatives up to order 4, expected up to order 5"
+    ):
         made.targets(sample, 5)
     made.joints = True
-    with pytest.raises(ArgumentError, match="given derivatives none of the joints, expected up to order 1"):
+    with pytest.raises(
+        ArgumentError, match="given derivatives none of the joints, expected up to order 1"
+    ):
         made.targets(sample, 1)
 
 
@@ -405,7 +482,9 @@ def test_rows_and_scales_of_the_dae_at_an_equilibrium() -> None:
     step = chance.normal(size=dae.n_x)
     for J, move in ((A, (1, 0)), (E, (0, 1))):
         ahead, back = (
-            np.array(dae.rows(x + s * move[0] * step, dx + s * move[1] * step, np.array([0.1, 0.2]))[0])
+            np.array(
+                dae.rows(x + s * move[0] * step, dx + s * move[1] * step, np.array([0.1, 0.2]))[0]
+            )
             for s in (1e-6, -1e-6)
         )
         slope = (ahead - back)[:, 0] / 2e-6
@@ -436,7 +515,9 @@ def test_ranks_and_what_they_rest_on() -> None:
     assert (found.rank, found.decided, found.matrix) == (3, True, "M")
     assert found.above == pytest.approx(5e-4) and found.below < 1e-15 and found.gap > 1e11
     doubtful = decide_rank([Q @ np.diag([1.0, 1.0, 1e-12, 0.0])])
-    assert (doubtful.rank, doubtful.decided) == (2, False) and doubtful.below == pytest.approx(1e-12, rel=1e-3)
+    assert (doubtful.rank, doubtful.decided) == (2, False) and doubtful.below == pytest.approx(
+        1e-12, rel=1e-3
+    )
     best = decide_rank([Q @ np.diag([1.0, 1.0, 1e-12, 0.0]), Q @ np.diag([1.0, 1.0, 0.1, 0.0])])
     assert (best.rank, best.decided) == (3, True)
     empty = decide_rank([np.zeros((2, 2))])
@@ -445,7 +526,9 @@ def test_ranks_and_what_they_rest_on() -> None:
     assert (full.rank, full.below) == (2, 0.0) and full.gap == pytest.approx(1 / 2.2e-16)
 
 
-def test_arrays_without_the_equations_that_only_name_a_rate_have_ranks_smaller_by_their_number() -> None:
+def test_arrays_without_the_equations_that_only_name_a_rate_have_ranks_smaller_by_their_number() -> (
+    None
+):
     """x0' = x1 and a second equation: rows of order 0 and 1."""
     F_x = np.array([[[0.0, -1.0], [2.0, 3.0]], [[0.0, 0.0], [1.0, 0.5]]])
     F_dx = np.array([[[1.0, 0.0], [0.0, 4.0]], [[0.0, 0.0], [0.0, 1.0]]])
@@ -463,23 +546,32 @@ def test_arrays_without_the_equations_that_only_name_a_rate_have_ranks_smaller_b
 
 
 def test_scales_and_ratios_of_blocks() -> None:
-    scales = taylor_array.choose_scales(np.diag([1e6, 1e-3]), np.array([[0.0, 2e2], [5e4, 0.0]]), 0.1, np.ones(2))
+    scales = taylor_array.choose_scales(
+        np.diag([1e6, 1e-3]), np.array([[0.0, 2e2], [5e4, 0.0]]), 0.1, np.ones(2)
+    )
     whole = np.maximum(np.abs(np.diag([1e6, 1e-3])), np.array([[0.0, 2e3], [5e5, 0.0]]))
     scaled = whole * scales.rows[:, None] * scales.x
     assert_allclose(scaled.max(axis=1), 1.0, rtol=0.5)
     assert scaled.max() < 2 and scales.time == 0.1
     A = np.diag([1e8, 1.0]) @ np.array([[1.0, 0.5], [0.5, 1.0]]) @ np.diag([1e-5, 1e3])
     assert smallest_ratio(A) == pytest.approx(1 / 3, rel=1e-6)
-    assert smallest_ratio(np.array([[1.0, 0.0], [1.0, 0.0]])) == 0.0 and smallest_ratio(np.array([[-0.2]])) == 0.2
+    assert (
+        smallest_ratio(np.array([[1.0, 0.0], [1.0, 0.0]])) == 0.0
+        and smallest_ratio(np.array([[-0.2]])) == 0.2
+    )
     assert smallest_ratio(np.array([[7.0]])) == 1.0 and smallest_ratio(np.array([[1e-301]])) == 0.0
     x = taylor_array._solve_least_norm(np.array([[1.0, 2.0, 2.0]]), np.array([9.0]))
     assert_allclose(x, [1.0, 2.0, 2.0])
-    doubled = taylor_array._solve_least_norm(np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([2.0, 4.0]))
+    doubled = taylor_array._solve_least_norm(
+        np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([2.0, 4.0])
+    )
     assert_allclose(doubled, [3.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("rows", [[[0.1, 0.2], [0.3, 0.6]], [[1.0, 0.1], [3.0, 0.3]]])
-def test_rows_that_depend_on_each_other_but_for_rounding_are_solved_by_least_squares(rows: list[list[float]]) -> None:
+def test_rows_that_depend_on_each_other_but_for_rounding_are_solved_by_least_squares(
+    rows: list[list[float]],
+) -> None:
     """Rows r and 3 r with the right side (1, 4): x = 1.3 r / |r|^2. Neither array is singular in its last digit: one
     factorization has a residual of 0.4, the other one a solution of 2e16."""
     found = taylor_array._solve_least_norm(np.array(rows), np.array([1.0, 4.0]))
@@ -494,15 +586,26 @@ def test_the_rule_of_gears(name: str, expected: tuple[int, int, int]) -> None:
 def test_a_move_of_a_batch_is_warned_of_each_limit_that_it_exceeds() -> None:
     """The second of two moves exceeds everything but the limits of its second joint."""
     robot = flexgen.read("elbow")
-    joints = [{"lower": -1.0, "upper": 1.0, "speed_max": 2.0, "acceleration_max": 10.0}, {"upper": 9.0}]
+    joints = [
+        {"lower": -1.0, "upper": 1.0, "speed_max": 2.0, "acceleration_max": 10.0},
+        {"upper": 9.0},
+    ]
     elements = tuple(
-        replace(e, dofs=(replace(e.dofs[0], **limits),)) for e, limits in zip(robot.elements, joints, strict=True)
+        replace(e, dofs=(replace(e.dofs[0], **limits),))
+        for e, limits in zip(robot.elements, joints, strict=True)
     )
     motors = tuple(replace(m, torque_max=5.0, speed_max=100.0) for m in robot.motors)
     robot = replace(robot, elements=elements, motors=motors)
     inside, above = np.array([[4.0, 5.0]]), np.array([[5.5, 5.0]])
     two = np.vstack([inside, above])
-    peaks = Peaks(two, two, 20 * two, two, np.array([[2.0, 3.0], [2.5, 3.0]]), np.array([[9.0, 99.0], [10.5, 99.0]]))
+    peaks = Peaks(
+        two,
+        two,
+        20 * two,
+        two,
+        np.array([[2.0, 3.0], [2.5, 3.0]]),
+        np.array([[9.0, 99.0], [10.5, 99.0]]),
+    )
     starts, ends = np.array([[-1.0, 0.0], [-1.5, 0.0]]), np.array([[1.0, 9.0], [1.25, 9.0]])
     assert batches._warnings(robot, peaks, starts, ends, 0) == ()
     names = [motor.name for motor in robot.motors], [c.name for c in robot.coordinates]
@@ -540,7 +643,14 @@ FIRST = "element.upper.dof.q1"
             " has a gear with a CubicSpring",
         ),
         (
-            {"motor.m2.friction": {"type": "gear", "viscous": 0.1, "viscous_share": 0.5, "viscous_decay": 20.0}},
+            {
+                "motor.m2.friction": {
+                    "type": "gear",
+                    "viscous": 0.1,
+                    "viscous_share": 0.5,
+                    "viscous_decay": 20.0,
+                }
+            },
             " has a friction law GearFriction",
         ),
         (
@@ -559,7 +669,9 @@ FIRST = "element.upper.dof.q1"
     ],
     ids=range(13),
 )
-def test_moves_of_a_model_are_computed_at_once_or_it_says_why_not(changes: dict[str, object], why: str) -> None:
+def test_moves_of_a_model_are_computed_at_once_or_it_says_why_not(
+    changes: dict[str, object], why: str
+) -> None:
     robot = flexgen.read("elbow", overrides=changes)
     assert closed_form_batch.unfit(robot) == (f"model elbow{why}" if why else "")
     if not changes:
@@ -582,13 +694,18 @@ def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_pa
     )
     told = grid.describe()
     assert told["parameters"] == [{"payload.mass": 2.0}, {"motor.m1.ratio": [3, 4]}]
-    assert told["options"] == {"verify": False, "mesh": None} and told["moves"][:2] == [None, "line"]
+    assert told["options"] == {"verify": False, "mesh": None} and told["moves"][:2] == [
+        None,
+        "line",
+    ]
     (named,) = told["moves"][2].items()
     assert named[0] == "Move" and named[1]["name"] == "along" and named[1]["start"] == [0.1, 0.2]
     assert named[1]["samples"] == hashlib.sha256(file.read_bytes()).hexdigest()
     first, second = told["models"]
     assert first["model"] == "elbow" and second["model"] == "no_such_model"
-    assert second["digest"].startswith("unreadable: model: given 'no_such_model', expected a path ending in .toml or")
+    assert second["digest"].startswith(
+        "unreadable: model: given 'no_such_model', expected a path ending in .toml or"
+    )
     robot = replace(flexgen.read("elbow"), moves=(move,))
     before = cases.Grid([robot]).describe()["models"]
     assert before[0]["digest"].split()[1] == named[1]["samples"] and before[0]["model"] == "elbow"
@@ -596,7 +713,11 @@ def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_pa
     after = cases.Grid([robot]).describe()["models"][0]["digest"].split()
     assert after[0] == before[0]["digest"].split()[0] and after[1] != named[1]["samples"]
     file.unlink()
-    assert cases.Grid([robot]).describe()["models"][0]["digest"].endswith(" unreadable: No such file or directory")
+    assert (
+        cases.Grid([robot])
+        .describe()["models"][0]["digest"]
+        .endswith(" unreadable: No such file or directory")
+    )
 
 
 def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -612,7 +733,9 @@ def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyP
     def fail(robot: object) -> Move:
         raise ArgumentError("no such move")
 
-    def job(number: int, key: str = "a", method: str = "auto", of: object = None, **changes: object) -> SimpleNamespace:
+    def job(
+        number: int, key: str = "a", method: str = "auto", of: object = None, **changes: object
+    ) -> SimpleNamespace:
         chosen = of or (lambda robot: replace(move, **changes))  # type: ignore[arg-type]
         return SimpleNamespace(number=number, key=key, method=method, move_of=chosen)
 
@@ -642,7 +765,9 @@ def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyP
             raise ArgumentError("refused")
         return equations, law.duration
 
-    def figures(robot: object, mover: tuple[str, float], starts: np.ndarray, ends: np.ndarray) -> list[dict]:
+    def figures(
+        robot: object, mover: tuple[str, float], starts: np.ndarray, ends: np.ndarray
+    ) -> list[dict]:
         sizes.append((mover[1], starts.tolist(), ends.tolist()))
         return [{"torque_max": float(k)} for k in range(len(starts))]
 
@@ -651,22 +776,37 @@ def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(batches, "structural_index", lambda equations: SimpleNamespace(index=4))
     monkeypatch.setattr(batches, "_library", lambda key, equations: f"library of {key}")
     monkeypatch.setattr(batches, "figures_or_reasons", figures)
-    shard = SimpleNamespace(jobs=jobs, robots=robots, options={"verify": False, "batch": True, "mesh": None})
+    shard = SimpleNamespace(
+        jobs=jobs, robots=robots, options={"verify": False, "batch": True, "mesh": None}
+    )
     asked = batches.Batches(shard, lambda key, robot: f"equations of {key}")  # type: ignore[arg-type, return-value]
     found = asked.rows()
-    assert {number: row["torque_max"] for number, (row, _) in found.items()} == {0: 0.0, 1: 1.0, 2: 0.0}
-    assert all(row["move"] == "swing" and sorted(times) == ["cpu", "wall"] for row, times in found.values())
+    assert {number: row["torque_max"] for number, (row, _) in found.items()} == {
+        0: 0.0,
+        1: 1.0,
+        2: 0.0,
+    }
+    assert all(
+        row["move"] == "swing" and sorted(times) == ["cpu", "wall"] for row, times in found.values()
+    )
     assert sizes == [
         (1.0, [[0.1, 0.2], [0.1, 0.2]], [[0.3, -0.4], [0.0, 0.0]]),
         (2.0, [[0.1, 0.2]], [[0.3, -0.4]]),
     ]
     of_a = ("equations of a", 1.0, 5, "library of a")
-    assert made == [of_a, ("equations of a", 2.0, 5, "library of a"), ("equations of odd", 1.0, 5, "library of odd")]
+    assert made == [
+        of_a,
+        ("equations of a", 2.0, 5, "library of a"),
+        ("equations of odd", 1.0, 5, "library of odd"),
+    ]
     asked.rows()
     assert len(made) == 4  # those of a are kept, the other one is tried again
     for options in ({"verify": True}, {}, {"verify": False, "mesh": 1e-3}):
         shard.options = options
         assert asked.rows() == {}
-    shard.options, shard.jobs = {"verify": False}, [job(k, duration=3.0 + k) for k in range(batches.KEPT)]
+    shard.options, shard.jobs = (
+        {"verify": False},
+        [job(k, duration=3.0 + k) for k in range(batches.KEPT)],
+    )
     assert len(asked.rows()) == len(batches._MOVERS) == batches.KEPT == 4
     assert sorted(duration for _, duration, _ in batches._MOVERS) == [3.0, 4.0, 5.0, 6.0]

@@ -32,14 +32,17 @@ def test_signals_of_a_plan_by_their_definitions() -> None:
     tau, time = rng.normal(size=model.n_m), 0.7
     names = list(made._signals)
     at = ca.Function("at", made.symbols, [made[name] for name in names])
-    values = dict(zip(names, (np.array(x).ravel() for x in at(y, dy, ddy, tau, time, [])), strict=True))
+    values = dict(
+        zip(names, (np.array(x).ravel() for x in at(y, dy, ddy, tau, time, [])), strict=True)
+    )
     n_a, i_g, i_e = model.n_a, list(model.i_g), list(model.i_e)
     motors = [model.n_a + k for k in range(model.n_m)]
     assert model.n_m == len(model.i_m) == 2 and len(i_e) == 1
     p, R = (np.array(x) for x in equations.function("forward_kinematics")(y[:n_a]))
     h = 1e-6
     ahead, behind = (
-        [np.array(x) for x in equations.function("forward_kinematics")(y[:n_a] + s * h * dy[:n_a])] for s in (1, -1)
+        [np.array(x) for x in equations.function("forward_kinematics")(y[:n_a] + s * h * dy[:n_a])]
+        for s in (1, -1)
     )
     spin = (ahead[1] - behind[1]) / (2 * h) @ R.T
     expected = {
@@ -67,12 +70,16 @@ def test_signals_of_a_plan_by_their_definitions() -> None:
     for name, (value, unit) in expected.items():
         signal, entries = made.find(name)
         assert_allclose(values[name], value, atol=1e-7, err_msg=name)
-        assert signal.units == (unit,) * len(entries) and len(entries) == len(signal.labels) == len(values[name])
+        assert signal.units == (unit,) * len(entries) and len(entries) == len(signal.labels) == len(
+            values[name]
+        )
     arm, motor = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
     assert made.find("a_a")[0].labels == arm and made.find("power_m")[0].labels == motor
     assert made.find(f"v_a[{arm[1]}]")[1] == [1]
     assert len(made) == len(expected) and made.reference.numel() == 0
-    with pytest.raises(ArgumentError, match=r"^signal tool_position: given entry 'w', expected one of x, y, z"):
+    with pytest.raises(
+        ArgumentError, match=r"^signal tool_position: given entry 'w', expected one of x, y, z"
+    ):
         made.find("tool_position[w]")
     assert Signals(equations, with_path=False, tracked=True).reference.numel() == model.output.size
 
@@ -105,7 +112,14 @@ def test_a_plan_is_searched_within_its_time_limit(
 def joint(**dof: Any) -> Any:
     """The element of a joint between two links."""
     friction = Made(viscous=dof.pop("viscous", 0.0), coulomb=dof.pop("coulomb", 0.0))
-    given = {"name": "q1", "type": "rotation", "lower": None, "upper": None, "speed_max": None, "mimic": ()} | dof
+    given = {
+        "name": "q1",
+        "type": "rotation",
+        "lower": None,
+        "upper": None,
+        "speed_max": None,
+        "mimic": (),
+    } | dof
     made = Made(**given, axis=(0.0, 0.0, 1.0), friction=friction)
     step: Any = Made(
         dof=made if dof.get("type") != "none" else None,
@@ -122,9 +136,15 @@ def joint(**dof: Any) -> Any:
 def test_joints_of_a_file_have_the_kind_of_their_limits() -> None:
     most = repr(urdf.UNLIMITED)
     found = joint()
-    assert found.attrib == {"name": "j1", "type": "continuous"} and found.find("limit").get("lower") is None
+    assert (
+        found.attrib == {"name": "j1", "type": "continuous"}
+        and found.find("limit").get("lower") is None
+    )
     assert found.find("parent").get("link") == "base" and found.find("child").get("link") == "tip"
-    assert float(found.find("limit").get("effort")) == 7.0 and float(found.find("limit").get("velocity")) > 1e3
+    assert (
+        float(found.find("limit").get("effort")) == 7.0
+        and float(found.find("limit").get("velocity")) > 1e3
+    )
     assert found.find("mimic") is None and found.find("dynamics") is None
     for given, kind, lower, upper in (
         ({"lower": -1.0}, "revolute", "-1.0", most),
@@ -139,7 +159,10 @@ def test_joints_of_a_file_have_the_kind_of_their_limits() -> None:
     assert joint(type="none").get("type") == "fixed" and joint(type="none").find("axis") is None
     found = joint(name="q9", mimic=(("q0", -2.0),), viscous=0.3)
     assert float(found.find("limit").get("effort")) == urdf.UNLIMITED
-    assert found.find("mimic").get("joint") == "q0" and float(found.find("mimic").get("multiplier")) == -2.0
+    assert (
+        found.find("mimic").get("joint") == "q0"
+        and float(found.find("mimic").get("multiplier")) == -2.0
+    )
     dynamics = {name: float(value) for name, value in found.find("dynamics").attrib.items()}
     assert dynamics == {"damping": 0.3, "friction": 0.0}
     for mimic in ((("q7", 1.0),), (("q0", 1.0), ("q0", 1.0))):
@@ -147,7 +170,9 @@ def test_joints_of_a_file_have_the_kind_of_their_limits() -> None:
 
 
 # --- sweeps -----------------------------------------------------------------------------------------------------------
-def test_a_worker_solves_a_case_with_the_options_of_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_solves_a_case_with_the_options_of_the_sweep(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Without a time limit where none is given; any error becomes the row of the case."""
     asked: list[Any] = []
 
@@ -180,7 +205,9 @@ def test_a_worker_solves_a_case_with_the_options_of_the_sweep(monkeypatch: pytes
         one("stopped")
 
 
-def test_a_worker_keeps_the_equations_of_the_last_two_models(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_keeps_the_equations_of_the_last_two_models(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     made: list[str] = []
 
     def derive(robot: str) -> str:

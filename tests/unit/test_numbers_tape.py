@@ -21,14 +21,24 @@ def drawn(seed: int) -> tuple[Tape, list[Any], list[Any], ca.SX, list[ca.SX]]:
     symbols: list[Any] = tape.vector(x)
     ours, theirs = list(symbols), ca.vertsplit(x)
     c, s = tape.sine(symbols[0], cosine=True), tape.sine(-symbols[0])
-    ours += [c * symbols[1] + s * symbols[2], s * symbols[2] - c * symbols[3], -(c * symbols[1]) - s * symbols[3]]
+    ours += [
+        c * symbols[1] + s * symbols[2],
+        s * symbols[2] - c * symbols[3],
+        -(c * symbols[1]) - s * symbols[3],
+    ]
     C, S = ca.cos(x[0]), -ca.sin(x[0])
     theirs += [C * x[1] + S * x[2], S * x[2] - C * x[3], -(C * x[1]) - S * x[3]]
     for _ in range(30):
         i, j = rng.integers(len(ours), size=2)
         kind, k = int(rng.integers(9)), float(rng.choice([0.5, -2.0, 1.0, -1.0, 3.0]))
         a, b, A, B = ours[i], ours[j], theirs[i], theirs[j]
-        pairs: list[tuple[Any, Any]] = [(a + b, A + B), (a - b, A - B), (a * b, A * B), (-a, -A), (a + k, A + k)]
+        pairs: list[tuple[Any, Any]] = [
+            (a + b, A + B),
+            (a - b, A - B),
+            (a * b, A * B),
+            (-a, -A),
+            (a + k, A + k),
+        ]
         pairs += [(k - a, k - A), (a * k, A * k)]
         if isinstance(a, type(symbols[0])):  # numbers have no sine on a tape
             pairs += [(tape.inverse(a * a + 2.0), 1 / (A * A + 2))]
@@ -56,8 +66,16 @@ def test_expressions_of_a_tape_and_their_derivatives(seed: int) -> None:
     for k, result in enumerate(ours[:3]):
         assert_allclose(values(tape, tape.gradient(result, symbols), x, at), J[k], **close)
     dx, w = rng.standard_normal(4), rng.standard_normal(8)
-    assert_allclose(values(tape, tape.jvp(ours, list(zip(symbols, dx.tolist(), strict=True))), x, at), J @ dx, **close)
-    assert_allclose(values(tape, tape.vjp(list(zip(ours, w.tolist(), strict=True)), symbols), x, at), w @ J, **close)
+    assert_allclose(
+        values(tape, tape.jvp(ours, list(zip(symbols, dx.tolist(), strict=True))), x, at),
+        J @ dx,
+        **close,
+    )
+    assert_allclose(
+        values(tape, tape.vjp(list(zip(ours, w.tolist(), strict=True)), symbols), x, at),
+        w @ J,
+        **close,
+    )
 
 
 def test_what_costs_nothing_on_a_tape() -> None:
@@ -136,11 +154,18 @@ def test_a_table_is_not_wider_than_its_terminal() -> None:
     assert lines[0] == "what" + " " * 26 + "x  y      z" and max(map(len, lines)) == 41
     with fit_tables(22):
         lines = table(long, ("what", "x", "y", "z")).splitlines()
-    assert lines[:4] == ["what              x", "----------------  -", "a sentence of     1", "seven words in"]
+    assert lines[:4] == [
+        "what              x",
+        "----------------  -",
+        "a sentence of     1",
+        "seven words in",
+    ]
     assert " ".join(lines[5:]) == "(left out: y, z; a wider terminal, a pipe or --json shows all)"
     with fit_tables(8):
         lines = table([["a sentence", 1.0]]).splitlines()
-    assert lines[:2] == ["a", "sentence"] and " ".join(lines[2:]).startswith("(left out: 1 columns; a wider")
+    assert lines[:2] == ["a", "sentence"] and " ".join(lines[2:]).startswith(
+        "(left out: 1 columns; a wider"
+    )
     with fit_tables(12):
         assert paragraph("one two three") == "one two\nthree"
     assert paragraph("one two three") == "one two three" and text_tables.terminal_width() is None

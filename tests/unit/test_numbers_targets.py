@@ -36,7 +36,9 @@ def wrong(key: str, given: Any, expected: str) -> Wrong:
 
 
 # --- poses ------------------------------------------------------------------------------------------------------------
-GOOD = PoseTarget((1.0, 0.2, 0.3), tuple(map(tuple, Rotation.from_rotvec([0.1, 2, 3]).as_matrix().tolist())))
+GOOD = PoseTarget(
+    (1.0, 0.2, 0.3), tuple(map(tuple, Rotation.from_rotvec([0.1, 2, 3]).as_matrix().tolist()))
+)
 
 
 @pytest.mark.parametrize(
@@ -44,10 +46,22 @@ GOOD = PoseTarget((1.0, 0.2, 0.3), tuple(map(tuple, Rotation.from_rotvec([0.1, 2
     [
         ({"position": (1.0, 2.0)}, "position: 3 finite numbers"),
         ({"orientation": ((1.0, 0.0), (0.0, 1.0))}, "orientation: a rotation matrix"),
-        ({"orientation": tuple(map(tuple, np.diag([1.0, 1.0, -1.0]).tolist()))}, "orientation: a rotation matrix"),
-        ({"orientation": tuple(map(tuple, (1.00001 * np.eye(3)).tolist()))}, "orientation: a rotation matrix"),
-        ({"configuration": (1, -1)}, "configuration: 1 or -1 for each of shoulder, elbow and wrist"),
-        ({"configuration": (1, -1, 0)}, "configuration: 1 or -1 for each of shoulder, elbow and wrist"),
+        (
+            {"orientation": tuple(map(tuple, np.diag([1.0, 1.0, -1.0]).tolist()))},
+            "orientation: a rotation matrix",
+        ),
+        (
+            {"orientation": tuple(map(tuple, (1.00001 * np.eye(3)).tolist()))},
+            "orientation: a rotation matrix",
+        ),
+        (
+            {"configuration": (1, -1)},
+            "configuration: 1 or -1 for each of shoulder, elbow and wrist",
+        ),
+        (
+            {"configuration": (1, -1, 0)},
+            "configuration: 1 or -1 for each of shoulder, elbow and wrist",
+        ),
         ({"turns": (0, 0, 1)}, "turns: 6 whole numbers"),
     ],
 )
@@ -57,7 +71,9 @@ def test_wrong_targets_are_refused(changes: dict[str, Any], text: str) -> None:
     targets._check(model, GOOD, wrong)
     with pytest.raises(Wrong, match=f"^{text}$"):
         targets._check(model, replace(GOOD, **changes), wrong)
-    with pytest.raises(Wrong, match=r"^position: end, because the arm has not six actuated coordinates$"):
+    with pytest.raises(
+        Wrong, match=r"^position: end, because the arm has not six actuated coordinates$"
+    ):
         targets._check(flexgen.read("elbow"), GOOD, wrong)
 
 
@@ -75,7 +91,9 @@ def test_a_move_through_a_singular_pose_has_no_stream(
     size: float, singular: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One pose is enough; columns of coordinates without motor do not count."""
-    W = np.array([np.diag([3.0, 2.0, 1.0])[:2], [[3.0, 0.0, 0.0], [0.0, 3.0 * size * motion.SINGULAR, 1.0]]])
+    W = np.array(
+        [np.diag([3.0, 2.0, 1.0])[:2], [[3.0, 0.0, 0.0], [0.0, 3.0 * size * motion.SINGULAR, 1.0]]]
+    )
     monkeypatch.setattr(motion, "evaluate", lambda function, *given: (None, W))
     model = Made(n_a=3, output=Made(target_size=2), i_g=(0, 1))
     equations: Any = Made(model=model, function=lambda name: name)
@@ -91,7 +109,9 @@ def test_a_move_through_a_singular_pose_has_no_stream(
 def test_targets_of_a_plan_follow_the_phases() -> None:
     """Relative times in each phase of its own duration; an instant between two belongs to the later one."""
     phases = [Made(number=0), Made(number=1)]
-    problem: Any = Made(reference_at=lambda phase: lambda s: np.stack([s, np.full(len(s), phase.number)], axis=1))
+    problem: Any = Made(
+        reference_at=lambda phase: lambda s: np.stack([s, np.full(len(s), phase.number)], axis=1)
+    )
     motion: Any = Made(t=np.array([0.0, 1.0, 1.5, 2.0, 2.25, 2.5]), theta=np.array([2.0, 0.5]))
     layout: Any = Made(phases=phases)
     found = result._targets(problem, layout, motion)
@@ -129,17 +149,23 @@ def test_the_status_of_a_fit_of_responses(changes: dict[str, Any], status: str) 
 
 
 # --- messages ---------------------------------------------------------------------------------------------------------
-def test_files_that_cannot_be_read_are_named_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_cannot_be_read_are_named_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "line.npz"
     path.write_bytes(b"x")
-    for error, reason in ((OSError(5, "Input/output error"), "Input/output error"), (OSError("odd"), "odd")):
+    for error, reason in (
+        (OSError(5, "Input/output error"), "Input/output error"),
+        (OSError("odd"), "odd"),
+    ):
 
         def fail(path: Path, error: OSError = error) -> None:
             raise error
 
         monkeypatch.setattr(trajectory_files, "_read_npz", fail)
         with pytest.raises(
-            ArgumentError, match=rf"^trajectory: given '.*line\.npz', which cannot be read \({reason}\)$"
+            ArgumentError,
+            match=rf"^trajectory: given '.*line\.npz', which cannot be read \({reason}\)$",
         ):
             flexgen.Trajectory.load(path)
 
@@ -152,9 +178,18 @@ def test_files_that_cannot_be_read_are_named_with_the_reason(tmp_path: Path, mon
         (OSError(28, "No space left on device"), "No space left on device"),
         (OSError("odd"), "odd"),
         (MemoryError(), "not enough memory"),
-        (AttributeError("q"), "internal error, please report it with the output of FLEXGEN_DEBUG=1: AttributeError: q"),
-        (ModuleNotFoundError("x", name="other.part"), "internal error, please report it with the output of .*: x"),
-        (ModuleNotFoundError("x", name="numpy.linalg"), "the Python package numpy.linalg is not installed for .*"),
+        (
+            AttributeError("q"),
+            "internal error, please report it with the output of FLEXGEN_DEBUG=1: AttributeError: q",
+        ),
+        (
+            ModuleNotFoundError("x", name="other.part"),
+            "internal error, please report it with the output of .*: x",
+        ),
+        (
+            ModuleNotFoundError("x", name="numpy.linalg"),
+            "the Python package numpy.linalg is not installed for .*",
+        ),
     ],
 )
 def test_the_command_line_tells_the_reason_of_an_error(error: BaseException, text: str) -> None:

@@ -27,7 +27,12 @@ refine: Any = inspect.unwrap(time_domain.refine)
 def experiment(experiments: int = 3, realizations: int = 1, **more: Any) -> Any:
     """Of two motors at two poses."""
     poses = np.array(POSES)
-    plan = {"motors": ("m1", "m2"), "poses": poses, "controller": Made(speed_gain=np.ones(2)), "amplitudes": np.ones(2)}
+    plan = {
+        "motors": ("m1", "m2"),
+        "poses": poses,
+        "controller": Made(speed_gain=np.ones(2)),
+        "amplitudes": np.ones(2),
+    }
     plan |= {"experiments": experiments, "realizations": realizations, "periods": 4}
     return Made(plan=Made(**(plan | more)), references=None, source="runs.toml")
 
@@ -84,7 +89,9 @@ class Linear:
 
 
 @pytest.mark.parametrize("size", [0.1, 1.1])
-def test_a_refinement_is_the_least_squares_fit_with_its_prior(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refinement_is_the_least_squares_fit_with_its_prior(
+    size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its covariance is that of noise of variance one, or larger where the residuals are."""
     model = flexgen.read("elbow")
     made: dict[str, Any] = {}
@@ -96,14 +103,21 @@ def test_a_refinement_is_the_least_squares_fit_with_its_prior(size: float, monke
     monkeypatch.setattr(time_domain, "Simulated", simulated)
     first = ParameterVector(model, ["q1.stiffness", "q2.damping"])
     found = Found(first)
-    object.__setattr__(found, "used", lambda: {"q1.stiffness": 5e6, "q2.damping": 500.0, "delay": 1e-3})
+    object.__setattr__(
+        found, "used", lambda: {"q1.stiffness": 5e6, "q2.damping": 500.0, "delay": 1e-3}
+    )
     fine = refine(found, experiment(), start={"q2.damping": 550.0}, runs=2)
     linear, vector = made["linear"], fine.vector
-    assert made["runs"] == [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 2)] and linear.told == ["noise", "whole"]
+    assert made["runs"] == [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 2)] and linear.told == [
+        "noise",
+        "whole",
+    ]
     assert vector.names == first.names == ("q1.stiffness", "q2.damping")
     assert_allclose(vector.values(vector.start), [5e6, 550.0])
     A, weight = np.real(linear.J.conj().T @ linear.J), np.diag(vector.prior_sd**-2.0)
-    move = np.linalg.solve(A + weight, np.real(linear.J.conj().T @ (linear.J @ np.full(2, 0.02) - linear.rest)))
+    move = np.linalg.solve(
+        A + weight, np.real(linear.J.conj().T @ (linear.J @ np.full(2, 0.02) - linear.rest))
+    )
     assert_allclose(fine.x, vector.start + move, rtol=0, atol=1e-6)
     cost = linear.cost(fine.x) / (40 - 1)
     assert fine.cost == pytest.approx(cost) and (cost > 1) == (size > 1)
@@ -127,7 +141,9 @@ def test_parameters_and_experiments_that_cannot_be_simulated_are_refused() -> No
         "[[reference]] in the description of the recordings, or an experiment of 'measure'"
     )
     runs = "expected 1 to 6, the experiments at each pose"
-    sensor = "free: given the delay of a sensor, which the motors do not show: 'identify' can fit it"
+    sensor = (
+        "free: given the delay of a sensor, which the motors do not show: 'identify' can fit it"
+    )
     for given, more, text in (
         (experiment(motors=("m2", "m1")), {}, others),
         (experiment(poses=np.zeros((2, 2))), {}, others),
@@ -157,10 +173,14 @@ def test_experiments_are_others_from_pose_to_pose() -> None:
     every = [(0, 0), (0, 1), (1, 0), (1, 1)]
     for first, count in ((0, 1), (1, 2), (3, 1)):
         found = time_domain._choose(plan, first, count)
-        assert found == [(k, *every[(k + i) % 4]) for k in range(3) for i in range(first, first + count)]
+        assert found == [
+            (k, *every[(k + i) % 4]) for k in range(3) for i in range(first, first + count)
+        ]
 
 
-def test_a_validation_compares_accelerations_and_correlations_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_validation_compares_accelerations_and_correlations_of_lines(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Residuals of the first motor are noise about a mean; those of the second one are the same at all lines."""
     rng, runs, lines = np.random.default_rng(3), 8, 30
     r = rng.normal(size=(runs, lines, 2)) + 1j * rng.normal(size=(runs, lines, 2))
@@ -183,7 +203,11 @@ def test_a_validation_compares_accelerations_and_correlations_of_lines(monkeypat
         assert checked.fit_percent[j] == pytest.approx(100 * (1 - away))
         count = 0
         for lag in range(1, 21):
-            product = sum(r[i, k + lag, j] * r[i, k, j].conjugate() for i in range(runs) for k in range(lines - lag))
+            product = sum(
+                r[i, k + lag, j] * r[i, k, j].conjugate()
+                for i in range(runs)
+                for k in range(lines - lag)
+            )
             correlation = abs(product.real) / (np.abs(r[..., j]) ** 2).sum()
             count += correlation < 2.5758 / np.sqrt(2 * runs * lines)
         assert checked.white[j] == count / 20
@@ -193,7 +217,10 @@ def test_a_validation_compares_accelerations_and_correlations_of_lines(monkeypat
     for given, used, count in ((experiment(3), 3, 3), (experiment(2, 2), 5, 5)):
         with pytest.raises(ArgumentError) as caught:
             validate(found, given, used=used)
-        assert str(caught.value) == f"used: given {used}, expected fewer than the {count} experiments at each pose"
+        assert (
+            str(caught.value)
+            == f"used: given {used}, expected fewer than the {count} experiments at each pose"
+        )
     r, measured = r[:, :2], measured[:, :2]
     assert validate(found, experiment(3)).white[1] == 0.0  # of the one lag between two lines
     assert made["chosen"] == [(0, 0, 1), (1, 0, 2)]
@@ -209,7 +236,9 @@ def test_a_validation_compares_accelerations_and_correlations_of_lines(monkeypat
         (2.01, 99.91, "FITTED", "FITTED"),
     ],
 )
-def test_a_fit_is_poorly_validated_where_others_deviate(cost: float, fit: float, status: str, expected: str) -> None:
+def test_a_fit_is_poorly_validated_where_others_deviate(
+    cost: float, fit: float, status: str, expected: str
+) -> None:
     found: Any = Found(None, FitStatus[status])
     checked = Validation((99.99, fit), cost, (1.0, 1.0))
     assert validate_on_others(found, checked).status == FitStatus[expected]
@@ -243,11 +272,20 @@ def test_sums_of_a_simulation_are_those_of_its_differences() -> None:
     made.begun.clear()
     cost, g, A = made.sums(x)
     J = np.array([[2.4, 1j], [-1.2, 3.6]]) / np.array([[0.5], [0.25]])
-    assert made.begun == [(None, None), ("shortly", None), ("shortly", None)] and cost == pytest.approx(made.cost(x))
+    assert made.begun == [
+        (None, None),
+        ("shortly", None),
+        ("shortly", None),
+    ] and cost == pytest.approx(made.cost(x))
     assert_allclose(A, np.real(J.conj().T @ J), rtol=1e-3)
     assert_allclose(g, np.real(J.conj().T @ r), rtol=1e-3)
     # Known derivatives serve again where x moved by at most 0.01, or the cost changed by at most 0.06 of it.
-    for step, change, count in ((0.0099, 0.9, 1), (0.0101, 0.059, 1), (0.0101, 0.061, 3), (-0.0101, -0.061, 3)):
+    for step, change, count in (
+        (0.0099, 0.9, 1),
+        (0.0101, 0.059, 1),
+        (0.0101, 0.061, 3),
+        (-0.0101, -0.061, 3),
+    ):
         there = x + np.array([0.0, step])
         made._known = (x, np.ones((2, 2)), made.cost(there) / (1 + change))
         made.begun.clear()
@@ -260,7 +298,10 @@ def test_sums_of_a_simulation_are_those_of_its_differences() -> None:
     lines: list[str] = []
     made.progress, made._known, made.simulations = lines.append, None, 4
     made.sums(x)
-    assert lines == ["simulation 6, 8 s of robot in the plan", "simulation 7, 8 s of robot in the plan"]
+    assert lines == [
+        "simulation 6, 8 s of robot in the plan",
+        "simulation 7, 8 s of robot in the plan",
+    ]
 
 
 def test_noise_shifts_spectra_by_its_mean_over_sixteen_simulations() -> None:
@@ -304,7 +345,8 @@ class Loop:
 
 
 @pytest.mark.parametrize(
-    ("gain", "last", "transients"), [(100.0, 100, 0), (100.0, 100, 3), (1000.0, 50, 1), (40.0, 200, 2), (0.0, 200, 1)]
+    ("gain", "last", "transients"),
+    [(100.0, 100, 0), (100.0, 100, 3), (1000.0, 50, 1), (40.0, 200, 2), (0.0, 200, 1)],
 )
 def test_spectra_are_those_of_a_period_after_the_transients(
     gain: float, last: int, transients: int, monkeypatch: pytest.MonkeyPatch
@@ -315,45 +357,87 @@ def test_spectra_are_those_of_a_period_after_the_transients(
     cascade = Cascade(np.array([gain, 2 * gain]), np.ones(2), np.zeros(2))
     lines, f = np.array([1, 3, 7]), np.array([5.0, 15.0, 35.0])
     plan = Made(
-        poses=poses, samples=n, motors=("m1", "m2"), controller=cascade, hardware=hardware, lines=lines, frequencies=f
+        poses=poses,
+        samples=n,
+        motors=("m1", "m2"),
+        controller=cascade,
+        hardware=hardware,
+        lines=lines,
+        frequencies=f,
     )
     plan.transients = transients
     wave = sum(
-        a * np.cos(2 * np.pi * k * np.arange(n) / n + p) for a, k, p in ((0.3, 1, 0.2), (0.2, 3, 1.0), (0.1, 7, 2.0))
+        a * np.cos(2 * np.pi * k * np.arange(n) / n + p)
+        for a, k, p in ((0.3, 1, 0.2), (0.2, 3, 1.0), (0.1, 7, 2.0))
     )
     runs = [(1, 0, 2), (0, 1, 0)]
     shown = np.random.default_rng(3).normal(size=(3, 2, 3, 4, 3, 2)) + 0j
-    given = Made(plan=plan, q_m=shown, reference=lambda k, r, e: poses[k] + np.outer(wave, [1.0, 10 * k + r + e]))
+    given = Made(
+        plan=plan,
+        q_m=shown,
+        reference=lambda k, r, e: poses[k] + np.outer(wave, [1.0, 10 * k + r + e]),
+    )
     rest = Made(y=np.arange(8.0).reshape(2, 4), tau_m=np.array([[1.0, 2.0], [3.0, 4.0]]))
-    local = Made(rest=lambda values, at: rest if (at == poses[[1, 0]]).all() and values == [3.0] else None)
-    monkeypatch.setattr(time_domain, "library_with", lambda *_, **more: Made(parameter_names=more["parameters"]))
+    local = Made(
+        rest=lambda values, at: rest if (at == poses[[1, 0]]).all() and values == [3.0] else None
+    )
+    monkeypatch.setattr(
+        time_domain, "library_with", lambda *_, **more: Made(parameter_names=more["parameters"])
+    )
     monkeypatch.setattr(time_domain, "LocalModel", lambda model, names: local)
     monkeypatch.setattr(time_domain, "largest_rate", lambda local, at: 1e3 * len(at))
-    monkeypatch.setattr(time_domain, "integration_steps", lambda hardware, rate: (hardware.sample_s, rate))
+    monkeypatch.setattr(
+        time_domain, "integration_steps", lambda hardware, rate: (hardware.sample_s, rate)
+    )
     monkeypatch.setattr(time_domain, "ClosedLoop", Loop)
     Loop.made.clear()
     named = {"q1.stiffness": 3.0, "m2.speed_gain": 5.0}
     vector: Any = Made(model=Made(n_a=3, n_m=2), of_model=("q1.stiffness",), named=lambda x: named)
     made = Simulated(vector, given, runs)  # type: ignore[arg-type]
-    assert_allclose(made.measured, (2 * np.pi * f[:, None]) ** 2 * shown[[1, 0], [0, 1], [2, 0]].mean(axis=1))
-    assert made.last == last and made.count == 12 and not made.shift.any() and made.shift.shape == (2, 3, 2)
     assert_allclose(
-        made.sd, time_domain._standard_deviation((2 * np.pi * f[:, None]) ** 2 * shown[[1, 0], [0, 1], [2, 0]])
+        made.measured, (2 * np.pi * f[:, None]) ** 2 * shown[[1, 0], [0, 1], [2, 0]].mean(axis=1)
+    )
+    assert (
+        made.last == last
+        and made.count == 12
+        and not made.shift.any()
+        and made.shift.shape == (2, 3, 2)
+    )
+    assert_allclose(
+        made.sd,
+        time_domain._standard_deviation(
+            (2 * np.pi * f[:, None]) ** 2 * shown[[1, 0], [0, 1], [2, 0]]
+        ),
     )
     found = made.spectra(np.zeros(1))
-    parts = np.array([0.3 * np.exp(0.2j), 0.2 * np.exp(1j), 0.1 * np.exp(2j)])[:, None] * (2 * np.pi * f[:, None]) ** 2
+    parts = (
+        np.array([0.3 * np.exp(0.2j), 0.2 * np.exp(1j), 0.1 * np.exp(2j)])[:, None]
+        * (2 * np.pi * f[:, None]) ** 2
+    )
     assert_allclose(found, 3 * np.array([parts * [1.0, 12.0], parts * [1.0, 1.0]]), rtol=1e-9)
     (loop,) = Loop.made
     quiet, law, y, at, noise = loop.given[2:]
-    assert (quiet.encoder_resolution_rad, quiet.encoder_noise_rad, quiet.torque_noise_Nm) == (0.0, 0.0, 0.0)
+    assert (quiet.encoder_resolution_rad, quiet.encoder_noise_rad, quiet.torque_noise_Nm) == (
+        0.0,
+        0.0,
+        0.0,
+    )
     assert_allclose(law.speed_gain, [1.0, 5.0])
     assert_allclose(y, [[0, 1, 2], [4, 5, 6]])
     assert_allclose(at, poses[[1, 0]])
-    assert (noise, loop.seed, loop.steps) == (0.0, 0, (h, time_domain.FINER * 3e3)) and loop.torque is rest.tau_m
+    assert (noise, loop.seed, loop.steps) == (
+        0.0,
+        0,
+        (h, time_domain.FINER * 3e3),
+    ) and loop.torque is rest.tau_m
     whole = max(transients, 1) * n
     first = round(float(np.abs(given.reference(1, 0, 2)[0]).max()), 9)
     assert loop.calls[0] == (0.2, n)  # fades in from the pose
-    assert loop.calls[1:] == [(first, n)] * (whole // n - 1) + [(first, n - last), (first, last), (first, n)]
+    assert loop.calls[1:] == [(first, n)] * (whole // n - 1) + [
+        (first, n - last),
+        (first, last),
+        (first, n),
+    ]
     assert made._before == (whole, whole + n - last) and made.simulations == 1
     for begin, run in zip((whole, whole + n - last), (n, last), strict=True):
         assert_allclose(made.spectra(np.zeros(1), begin), found)  # type: ignore[arg-type]
@@ -361,5 +445,10 @@ def test_spectra_are_those_of_a_period_after_the_transients(
     made._before = None
     made.spectra(np.zeros(1), noise=11)
     loop = Loop.made[-1]
-    assert loop.given[2] is hardware and loop.seed == 11 and made._before is None and made.simulations == 4
+    assert (
+        loop.given[2] is hardware
+        and loop.seed == 11
+        and made._before is None
+        and made.simulations == 4
+    )
     assert sum(count for _, count in loop.calls) == whole + 2 * n

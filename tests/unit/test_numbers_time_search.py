@@ -17,12 +17,22 @@ def search(**more: Any) -> Any:
     """A search without a robot."""
     made = object.__new__(TimeSearch)
     vars(made).update(
-        {"inversions": 0, "force": None, "samples": 10, "swings": None, "tell": print, "model": "model"} | more
+        {
+            "inversions": 0,
+            "force": None,
+            "samples": 10,
+            "swings": None,
+            "tell": print,
+            "model": "model",
+        }
+        | more
     )
     return made
 
 
-@pytest.mark.parametrize(("period", "mesh", "before", "after", "each"), [(0.1, 0.3, 3, 2, 3), (0.07, 0.01, 4, 3, 1)])
+@pytest.mark.parametrize(
+    ("period", "mesh", "before", "after", "each"), [(0.1, 0.3, 3, 2, 3), (0.07, 0.01, 4, 3, 1)]
+)
 def test_an_inversion_of_a_search_has_the_samples_of_its_period(
     period: float, mesh: float, before: int, after: int, each: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -30,7 +40,9 @@ def test_an_inversion_of_a_search_has_the_samples_of_its_period(
     asked: list[Any] = []
     force = Made(name="force")
     pushed = Made(on_output=lambda model, t: (model, t))
-    monkeypatch.setattr(time_search, "in_time", lambda given, timed: pushed if given is force else None)
+    monkeypatch.setattr(
+        time_search, "in_time", lambda given, timed: pushed if given is force else None
+    )
     reduction = Made(targets=lambda sample: sample.y[:, :, 0])
 
     def inverted(*y: np.ndarray, **more: Any) -> str:
@@ -49,7 +61,12 @@ def test_an_inversion_of_a_search_has_the_samples_of_its_period(
     ((values, more),) = asked
     for k, value in enumerate(values):
         assert_allclose(value[:, 0], t**k)
-    assert found == "found" and made.inversions == 1 and more["period"] == period and more["q_start"][0] == 0.5
+    assert (
+        found == "found"
+        and made.inversions == 1
+        and more["period"] == period
+        and more["q_start"][0] == 0.5
+    )
     assert (more["n_pre"], more["n_post"], more["samples_per_interval"]) == (before, after, each)
     assert more["force"][0] == "model"
     assert_allclose(more["force"][1], t)
@@ -82,7 +99,9 @@ def test_the_motion_of_the_tool_is_that_of_the_reference_where_the_output_has_it
             assert motion == ("equations", "q", "v", "a")
 
 
-def test_constraints_are_limits_at_the_same_number_of_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_constraints_are_limits_at_the_same_number_of_samples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The last check looks at all samples of a mesh that is three times as fine; infinite bounds do not count."""
     asked: list[Any] = []
     parts = np.arange(60.0)[:, None] * [1.0, 2.0]
@@ -109,12 +128,26 @@ def test_constraints_are_limits_at_the_same_number_of_samples(monkeypatch: pytes
     made.invert = invert
     at = np.arange(7, 28)  # ten samples of the path, half as many before and after it
     assert_allclose(made.constraints(np.array([2.0, 0.5])), [0.25, *at, 7.0, 8.0, *(2.0 * at)])
-    assert asked[0] == (2.0, 0.2, 5e-3, None) and asked[1] == ("model", "limits", (60, 2), "t", "tool", 2.0)
+    assert asked[0] == (2.0, 0.2, 5e-3, None) and asked[1] == (
+        "model",
+        "limits",
+        (60, 2),
+        "t",
+        "tool",
+        2.0,
+    )
     every = np.arange(60.0)
-    assert_allclose(made.constraints(np.array([2.0, 0.5]), 3), [0.25, *every, 7.0, 8.0, *(2.0 * every[:-1])])
-    assert asked[2][1:3] == (pytest.approx(2.0 / 30), pytest.approx(5e-3 / 3)) and made.found is found
+    assert_allclose(
+        made.constraints(np.array([2.0, 0.5]), 3), [0.25, *every, 7.0, 8.0, *(2.0 * every[:-1])]
+    )
+    assert (
+        asked[2][1:3] == (pytest.approx(2.0 / 30), pytest.approx(5e-3 / 3)) and made.found is found
+    )
     assert made.excess(np.array([2.0, 0.5])) == 2.0 * 58 - 1.0
-    assert search(_resolving=0.002).mesh(2.0) == pytest.approx(4e-3) and search(_resolving=0.01).mesh(2.0) == 5e-3
+    assert (
+        search(_resolving=0.002).mesh(2.0) == pytest.approx(4e-3)
+        and search(_resolving=0.01).mesh(2.0) == 5e-3
+    )
 
 
 def test_vibrations_are_norms_over_the_allowed_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,9 +162,15 @@ def test_vibrations_are_norms_over_the_allowed_one(monkeypatch: pytest.MonkeyPat
             asked.append((trajectory, end, force))
             return np.nan_to_num(values) if trajectory == "solved" else values
 
-    monkeypatch.setattr(time_search, "trajectory_of", lambda found, begin, name: (found, begin, name))
+    monkeypatch.setattr(
+        time_search, "trajectory_of", lambda found, begin, name: (found, begin, name)
+    )
     monkeypatch.setattr(time_search, "in_time", lambda force, timed: f"{force} along {timed}")
-    monkeypatch.setattr(time_search, "make_force", lambda trajectory, model, end: f"force of {trajectory} until {end}")
+    monkeypatch.setattr(
+        time_search,
+        "make_force",
+        lambda trajectory, model, end: f"force of {trajectory} until {end}",
+    )
     monkeypatch.setattr(time_search, "has_springs", lambda model: True)
     made = search(model=Made(name="arm"), found="found", swings=2.0)
     vars(made)["_vibration"] = Vibration()
@@ -140,7 +179,11 @@ def test_vibrations_are_norms_over_the_allowed_one(monkeypatch: pytest.MonkeyPat
     assert_allclose(made.swing(np.array([1.5, 0.2])), [5.0, 0.0, 10.0, 1e3])
     assert asked[0] == (("found", 0.0, "arm"), 1.5, None)
     solution = Made(move=Made(duration=2), trajectory="solved")
-    assert made.vibrations(solution) == {"less": 5.0, "more": 10.0} and asked[-1] == ("solved", 2.0, None)
+    assert made.vibrations(solution) == {"less": 5.0, "more": 10.0} and asked[-1] == (
+        "solved",
+        2.0,
+        None,
+    )
     made.force, made.retime = "push", lambda x: f"T = {x[0]}"
     made.swing(np.array([1.5, 0.2]))
     assert asked[-1][2] == "push along T = 1.5"
@@ -152,7 +195,9 @@ def test_a_search_begins_as_fast_as_the_limits_allow() -> None:
     """By halves, eight times: the duration at which the limits are kept, within 2^-8 of that of the first law."""
     made = search()
     made.start = lambda: np.array([4.0, 0.3])
-    made.try_constraints = lambda x: None if x[0] < 0.5 else np.array([-0.9 * 1.7 / x[0], 1.7 / x[0]])
+    made.try_constraints = lambda x: (
+        None if x[0] < 0.5 else np.array([-0.9 * 1.7 / x[0], 1.7 / x[0]])
+    )
     found = made.quick_start()
     assert found[1] == 0.3 and 1.7 <= found[0] < 1.7 + 4.0 / 256
     made.try_constraints = lambda x: np.array([9.0])

@@ -26,7 +26,10 @@ class Motion:
         rng = np.random.default_rng(seed)
         self.problem, self.n, self.n_m = problem, problem.mesh.n, problem.equations.model.n_m
         ratio = np.concatenate([np.ones(problem.equations.model.n_a), 100.0 * np.ones(self.n_m)])
-        self.c, self.u = 0.1 * rng.standard_normal((5, self.n)) * ratio, rng.standard_normal((3, self.n_m))
+        self.c, self.u = (
+            0.1 * rng.standard_normal((5, self.n)) * ratio,
+            rng.standard_normal((3, self.n_m)),
+        )
         self.layout = Layout(tuple(problem.phases), tuple(p.symbol for p in problem.parameters))
         parts, begin = [], 0.0
         for phase, own in zip(problem.phases, T, strict=False):
@@ -40,7 +43,9 @@ class Motion:
     def y(self, t: np.ndarray, order: int = 0) -> np.ndarray:
         return np.stack(
             [
-                np.polynomial.Polynomial(c).deriv(order)(t) if order else np.polynomial.Polynomial(c)(t)
+                np.polynomial.Polynomial(c).deriv(order)(t)
+                if order
+                else np.polynomial.Polynomial(c)(t)
                 for c in self.c.T
             ],
             axis=-1,
@@ -53,10 +58,14 @@ class Motion:
 def values_of(block: Any, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows (m, count), cost and squares of a block at all of its instants."""
     f = ca.Function(
-        "block", [block.z, block.p], [ca.densify(ca.SX(e)) for e in (block.rows, block.cost, block.squares)]
+        "block",
+        [block.z, block.p],
+        [ca.densify(ca.SX(e)) for e in (block.rows, block.cost, block.squares)],
     )
     found = [f(x[where], block.values[:, k]) for k, where in enumerate(block.where)]
-    rows, cost, squares = (np.stack([np.array(each[k]).ravel() for each in found], axis=-1) for k in range(3))
+    rows, cost, squares = (
+        np.stack([np.array(each[k]).ravel() for each in found], axis=-1) for k in range(3)
+    )
     return rows, cost, squares
 
 
@@ -82,7 +91,15 @@ def test_rows_of_motion_are_the_equations_at_the_collocation_points() -> None:
         n_a = model.n_a
         r_a, r_m = evaluate(
             problem.equations.function("residual"),
-            *(y[:, :n_a], v[:, :n_a], a[:, :n_a], y[:, n_a:], v[:, n_a:], a[:, n_a:], motion.tau(t)),
+            *(
+                y[:, :n_a],
+                v[:, :n_a],
+                a[:, :n_a],
+                y[:, n_a:],
+                v[:, n_a:],
+                a[:, n_a:],
+                motion.tau(t),
+            ),
         )
         expected = np.hstack([r_a.reshape(len(t), -1), r_m.reshape(len(t), -1)])
         found = rows[: model.dof].T
@@ -130,7 +147,9 @@ def test_bounds_of_polynomials_are_those_of_their_bernstein_coefficients() -> No
     motion = Motion(problem)
     block = blocks_of(motion.layout, later, reference_of(later), True)[-1]
     rows, cost, _ = values_of(block, motion.x)
-    assert block.names == 3 * ["bound of tau_m[m1]"] + 3 * ["bound of v_a[q1]"] + 4 * ["bound of q_a[q2]"]
+    assert block.names == 3 * ["bound of tau_m[m1]"] + 3 * ["bound of v_a[q1]"] + 4 * [
+        "bound of q_a[q2]"
+    ]
     assert not cost.any() and rows.shape == (10, 2)
     assert block.lower[:, 0].tolist() == [-2.0] * 3 + [-np.inf] * 3 + [-5.0] * 4
     assert block.upper[:, 1].tolist() == [3.0] * 3 + [4.0] * 3 + [np.inf] * 4
@@ -147,7 +166,9 @@ def test_bounds_of_polynomials_are_those_of_their_bernstein_coefficients() -> No
             theta, matrix = bernstein(degree)
             at = nodes[k] + (nodes[k + 1] - nodes[k]) * theta
             coefficients = matrix @ signal(at)[:, column]
-            assert_allclose(found[:, k], coefficients[len(coefficients) - len(found) :], rtol=1e-9, atol=1e-12)
+            assert_allclose(
+                found[:, k], coefficients[len(coefficients) - len(found) :], rtol=1e-9, atol=1e-12
+            )
     theta, matrix = bernstein(3)
     assert_allclose(theta, [0.0, 1 / 3, 2 / 3, 1.0])
     assert_allclose(matrix @ theta, theta, atol=1e-12)
@@ -163,13 +184,17 @@ def test_connections_hold_for_a_smooth_motion_alone() -> None:
     n, n_m = motion.n, motion.n_m
     assert names[: 8 * n] == ["continuity of the states"] * (8 * n)
     assert names[8 * n : 8 * n + 3 * n_m] == ["continuity of the torques"] * (3 * n_m)
-    assert names[-n:] == ["connection of the phases"] * n and len(names) == 8 * n + 3 * n_m + 4 * n + n
+    assert (
+        names[-n:] == ["connection of the phases"] * n and len(names) == 8 * n + 3 * n_m + 4 * n + n
+    )
     size = abs(matrix) @ np.abs(motion.x)
     assert np.abs(matrix @ motion.x).max() < 1e-12 * size.max()
     (block,) = blocks
     rows, cost, _ = values_of(block, motion.x)
     assert np.abs(rows).max() < 1e-10 * np.abs(motion.c).max() and not cost.any()
-    assert block.names == ["connection of the phases (speed)"] * n and block.times.tolist() == [[1.0, 0.0]]
+    assert block.names == ["connection of the phases (speed)"] * n and block.times.tolist() == [
+        [1.0, 0.0]
+    ]
     jump = motion.x.copy()
     jump[motion.layout.first[1] :][:n] += 1.0  # the first coordinates of the second phase
     away = matrix @ jump
@@ -180,11 +205,22 @@ def test_connections_hold_for_a_smooth_motion_alone() -> None:
     assert_allclose(away[-n:], -1.0, rtol=1e-6)
     faster = motion.x.copy()
     faster[motion.layout.theta[1]] = 0.5
-    assert_allclose(values_of(block, faster)[0][:, 0], motion.y(T[:1], 1)[0] * (1 - 0.6 / 0.5), rtol=1e-6, atol=1e-9)
+    assert_allclose(
+        values_of(block, faster)[0][:, 0],
+        motion.y(T[:1], 1)[0] * (1 - 0.6 / 0.5),
+        rtol=1e-6,
+        atol=1e-9,
+    )
     blocks, matrix, names = links(motion.layout, True)
-    assert names[-n:] == ["periodicity"] * n and len(blocks) == 2 and blocks[1].names == ["periodicity (speed)"] * n
+    assert (
+        names[-n:] == ["periodicity"] * n
+        and len(blocks) == 2
+        and blocks[1].names == ["periodicity (speed)"] * n
+    )
     away = matrix @ motion.x
-    assert_allclose(away[-n:], (motion.y(np.array([T.sum()])) - motion.y(np.zeros(1)))[0], rtol=1e-6, atol=1e-9)
+    assert_allclose(
+        away[-n:], (motion.y(np.array([T.sum()])) - motion.y(np.zeros(1)))[0], rtol=1e-6, atol=1e-9
+    )
 
 
 # --- other small parts ------------------------------------------------------------------------------------------------
@@ -208,7 +244,10 @@ def test_friction_changes_by_additional_gear_torques() -> None:
 
 def test_forces_of_additional_gear_torques_act_on_both_sides() -> None:
     model = flexgen.read("manutec_r3")
-    z, q_m, tau = (ca.SX.sym(name, count) for name, count in (("z", model.n_g), ("q", model.n_m), ("t", model.n_m)))
+    z, q_m, tau = (
+        ca.SX.sym(name, count)
+        for name, count in (("z", model.n_g), ("q", model.n_m), ("t", model.n_m))
+    )
     f = ca.Function("f", [z, q_m], [hysteretic_rate.generalized_force(model, z, q_m)])
     g = ca.Function("g", [tau], [hysteretic_rate.motor_force(model, tau)])
     x = np.array([1.0, -2.0, 3.0, 4.0, -5.0, 6.0])

@@ -25,7 +25,9 @@ from flexgen.planning.transcribe import Layout
 
 
 def layout_of(problem: flexgen.PlanProblem) -> Layout:
-    return Layout(tuple(problem.phases), tuple(parameter.symbol for parameter in problem.parameters))
+    return Layout(
+        tuple(problem.phases), tuple(parameter.symbol for parameter in problem.parameters)
+    )
 
 
 def test_a_plan_rests_at_the_ends_that_are_stated() -> None:
@@ -33,27 +35,49 @@ def test_a_plan_rests_at_the_ends_that_are_stated() -> None:
     problem = flexgen.plan_problem("planar5_nmp", mesh=4)
     model = problem.equations.model
     rests = problem._rests()
-    assert [(number, where, s) for number, where, _, s in rests] == [(0, "start", None), (0, "end", None)]
-    assert rests[0][2] is problem.y_start and rests[1][2] is problem.y_end and rests[0][2].shape == (model.dof,)
+    assert [(number, where, s) for number, where, _, s in rests] == [
+        (0, "start", None),
+        (0, "end", None),
+    ]
+    assert (
+        rests[0][2] is problem.y_start
+        and rests[1][2] is problem.y_end
+        and rests[0][2].shape == (model.dof,)
+    )
     later = problem.then(0.5, mesh=3)
     assert [(number, where) for number, where, *_ in problem._rests()] == [(0, "start"), (1, "end")]
     middle = np.zeros(model.n_a)
     middle[list(model.i_g)] = [0.3, -0.9]
     problem.end_at(middle)
-    assert [(number, where) for number, where, *_ in problem._rests()] == [(0, "start"), (0, "end"), (1, "end")]
+    assert [(number, where) for number, where, *_ in problem._rests()] == [
+        (0, "start"),
+        (0, "end"),
+        (1, "end"),
+    ]
     later.start_at(middle)
     assert len(problem._rests()) == 3
     problem.end_at(None)
-    assert [(number, where) for number, where, *_ in problem._rests()] == [(0, "start"), (1, "start"), (1, "end")]
+    assert [(number, where) for number, where, *_ in problem._rests()] == [
+        (0, "start"),
+        (1, "start"),
+        (1, "end"),
+    ]
     problem.end_at(middle + 0.1)
     with pytest.raises(
-        ArgumentError, match=r"^start_at: given another start of phase 1 than the end of phase 0; state "
+        ArgumentError,
+        match=r"^start_at: given another start of phase 1 than the end of phase 0; state ",
     ):
         problem._rests()
     free = flexgen.plan_problem("planar5_nmp", mesh=4, timing="free")
-    assert [(number, where, s) for number, where, _, s in free._rests()] == [(0, "start", 0.0), (0, "end", 1.0)]
+    assert [(number, where, s) for number, where, _, s in free._rests()] == [
+        (0, "start", 0.0),
+        (0, "end", 1.0),
+    ]
     free.then(0.5, mesh=3)
-    assert [(number, where, s) for number, where, _, s in free._rests()] == [(0, "start", 0.0), (1, "end", 1.0)]
+    assert [(number, where, s) for number, where, _, s in free._rests()] == [
+        (0, "start", 0.0),
+        (1, "end", 1.0),
+    ]
     free.end_at(middle)
     free.phases[1].start_at(None)
     assert [s for *_, s in free._rests()] == [0.0, None, 1.0]
@@ -97,7 +121,9 @@ def test_sizes_of_unknowns_follow_from_the_start() -> None:
     tau = np.zeros((3 * mesh.s, model.n_m))
     tau[2, 0], tau[4, 0] = -6.0, 5.0
     n = mesh.n
-    start[: mesh.size] = mesh.pack(np.zeros((4, 2 * n)), np.zeros((3, mesh.s, n)), tau.reshape(3, mesh.s, model.n_m))
+    start[: mesh.size] = mesh.pack(
+        np.zeros((4, 2 * n)), np.zeros((3, mesh.s, n)), tau.reshape(3, mesh.s, model.n_m)
+    )
     found = scales(layout, problem.parameters, start)
     y, dy, ddy, torque = mesh.unpack(found[: mesh.size])
     ratio = np.abs(model.eta).max(axis=1)[list(model.i_m)]
@@ -123,10 +149,13 @@ def test_a_free_time_is_clipped_into_its_bounds() -> None:
     problem.free_time(1.0, 1.0)
     assert problem.duration_bounds == (1.0, 1.0)
     for wrong in ((0.0, 1.0, None), (1.0, -2.0, None), (1.0, 2.0, 0.0)):
-        with pytest.raises(ArgumentError, match=r"^free_time: given .*, expected a positive time in s$"):
+        with pytest.raises(
+            ArgumentError, match=r"^free_time: given .*, expected a positive time in s$"
+        ):
             problem.free_time(*wrong)
     with pytest.raises(
-        ArgumentError, match=r"^free_time: given 2\.0 to 1\.0 s, expected a lower bound below the upper "
+        ArgumentError,
+        match=r"^free_time: given 2\.0 to 1\.0 s, expected a lower bound below the upper ",
     ):
         problem.free_time(2.0, 1.0)
 
@@ -145,25 +174,34 @@ def test_a_file_of_arrays_has_at_most_a_thousand_of_them(tmp_path: Path) -> None
     with zipfile.ZipFile(file) as archive:
         size = archive.infolist()[0].file_size
     assert read_npz(file, size)["a"].shape == (10_000,)
-    with pytest.raises(NpzError, match=rf"^given arrays of {size} bytes, expected at most {size - 1}$"):
+    with pytest.raises(
+        NpzError, match=rf"^given arrays of {size} bytes, expected at most {size - 1}$"
+    ):
         read_npz(file, size - 1)
     packed = file.stat().st_size
-    with pytest.raises(NpzError, match=rf"^given a file of {packed} bytes, expected at most {packed - 1}$"):
+    with pytest.raises(
+        NpzError, match=rf"^given a file of {packed} bytes, expected at most {packed - 1}$"
+    ):
         read_npz(file, packed - 1)
     assert (npz_files.MEMBERS, npz_files.DIRECTORY, npz_files.HEADER) == (1000, 10**6, 10**4)
 
 
-def test_files_of_instances_are_as_large_as_half_a_gigabyte(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_files_of_instances_are_as_large_as_half_a_gigabyte(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     asked: list[int] = []
     monkeypatch.setattr(array_files, "read_npz", lambda path, most: asked.append(most) or {})
     with pytest.raises(
-        ArgumentError, match=r"^thing .*x\.npz: given a file with no text 'meta', expected the kind 'thi"
+        ArgumentError,
+        match=r"^thing .*x\.npz: given a file with no text 'meta', expected the kind 'thi",
     ):
         array_files.load(tmp_path / "x.npz", "thing", ["a"])
     assert asked == [500_000_000]
 
 
-def test_the_filter_of_learning_is_below_the_sampling_frequency(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_filter_of_learning_is_below_the_sampling_frequency(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """And by default 0.7 of the lowest natural frequency, or of 10 Hz where there is none."""
     commanded: Any = SimpleNamespace(period=2e-3, time=np.zeros(1))
     reference = SimpleNamespace(points=lambda at: "motion")
@@ -192,12 +230,17 @@ def test_the_filter_of_learning_is_below_the_sampling_frequency(monkeypatch: pyt
         learn.learn("elbow", progress=False)
     assert_allclose(asked, [14.0, 100.0, 224.9, 7.0])
     for wrong in (225.0, 0.0, -1.0):
-        with pytest.raises(ArgumentError, match=rf"^frequency_hz: given {wrong}, expected more than 0, below 225 Hz$"):
+        with pytest.raises(
+            ArgumentError,
+            match=rf"^frequency_hz: given {wrong}, expected more than 0, below 225 Hz$",
+        ):
             learn.learn("elbow", frequency_hz=wrong, progress=False)
     with pytest.raises(ArgumentError, match=r"^iterations: given 1001, expected 1 to 1000$"):
         learn.learn("elbow", iterations=1001, progress=False)
     for gain in (0.0, 2.1):
-        with pytest.raises(ArgumentError, match=rf"^gain: given {gain}, expected more than 0, at most 2$"):
+        with pytest.raises(
+            ArgumentError, match=rf"^gain: given {gain}, expected more than 0, at most 2$"
+        ):
             learn.learn("elbow", gain=gain, progress=False)
 
 
@@ -221,7 +264,9 @@ def test_the_filter_of_learning_is_below_the_sampling_frequency(monkeypatch: pyt
         ({"build": ["a.so", "a.a"]}, False),
     ],
 )
-def test_a_manifest_is_complete_with_what_is_read_of_it(changes: dict[str, Any], complete: bool) -> None:
+def test_a_manifest_is_complete_with_what_is_read_of_it(
+    changes: dict[str, Any], complete: bool
+) -> None:
     manifest: dict[str, Any] = {
         "files": {"a.c": "abc", "src/b.c": "def"},
         "functions": [{"name": "f"}, {"name": "g"}],
@@ -264,7 +309,10 @@ def test_files_of_a_library_are_marked_at_their_top(tmp_path: Path) -> None:
     assert directory._is_marked(none, "arm") is False
     file.write_bytes(b" " * directory._HEAD + b"arm " + directory._MARK)
     assert directory._is_marked(file, "arm") is False
-    assert directory._has_bytes(file, file.read_bytes()) is True and directory._has_bytes(file, b"x") is False
+    assert (
+        directory._has_bytes(file, file.read_bytes()) is True
+        and directory._has_bytes(file, b"x") is False
+    )
     assert directory._has_bytes(file, b"x" * file.stat().st_size) is False
     assert directory._has_bytes(none, b"") is False
 
@@ -299,5 +347,7 @@ def test_the_strangeness_index_is_searched_until_all_points_have_one(
     found = function(None, reference, [0.2, 0.4], highest=6)
     assert asked == orders and len(found) == 2 and found[0].order == orders[-1]
     for wrong in ([0.4, 0.2], [0.2, 0.2], [], [np.nan], [[0.1]]):
-        with pytest.raises(ArgumentError, match=r"^times: given .*, expected rising instants in s$"):
+        with pytest.raises(
+            ArgumentError, match=r"^times: given .*, expected rising instants in s$"
+        ):
             function(None, reference, wrong)

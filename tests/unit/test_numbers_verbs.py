@@ -71,30 +71,55 @@ def test_the_verb_calibrate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flexgen, "calibrate", calibrate)
     args = arguments("calibrate", model="elbow", poses="poses.csv", free=["zeros"])
     answer = calibration.calibrate(args, print)
-    assert (answer.text, answer.data, answer.problem) == ("calibrated", {"error_m": 1e-4}, "not good")
+    assert (answer.text, answer.data, answer.problem) == (
+        "calibrated",
+        {"error_m": 1e-4},
+        "not good",
+    )
     assert answer.warnings == ["beware"]
-    assert given["poses"] == ("poses.csv", "elbow") and given["free"] == ["zeros"] and given["model"] == "elbow"
+    assert (
+        given["poses"] == ("poses.csv", "elbow")
+        and given["free"] == ["zeros"]
+        and given["model"] == "elbow"
+    )
     assert given["priors"] == flexgen.Priors()
-    more = {"add_poses": 2, "out": "new.toml", "report": "page.html", "prior": [("zero", 1), ("mass", 0.5)]}
+    more = {
+        "add_poses": 2,
+        "out": "new.toml",
+        "report": "page.html",
+        "prior": [("zero", 1), ("mass", 0.5)],
+    }
     answer = calibration.calibrate(arguments("calibrate", model="elbow", poses="p", **more), print)
     assert given["priors"].zero == 1.0 and given["priors"].mass == 0.5
     assert answer.data["proposed_poses"] == [{"q1": 0.0, "q2": 0.125}, {"q1": 0.25, "q2": 0.375}]
     assert answer.data["model_file"] == "new.toml" and answer.data["report"] == "page.html"
     lines = answer.text.splitlines()
-    assert lines[:3] == ["calibrated", "", "poses that tell most, rad or m; check them for collisions:"]
+    assert lines[:3] == [
+        "calibrated",
+        "",
+        "poses that tell most, rad or m; check them for collisions:",
+    ]
     assert "0.125" in answer.text and lines[-2:] == ["wrote new.toml", "wrote page.html"]
     assert found.asked == ["new.toml", "robot"]
-    calibration.calibrate(arguments("calibrate", model="elbow", poses="p", out="b.toml", world="measurement"), print)
+    calibration.calibrate(
+        arguments("calibrate", model="elbow", poses="p", out="b.toml", world="measurement"), print
+    )
     assert found.asked[2:] == ["b.toml", "measurement"]
     for name, value in (("none", 1.0), ("zero", "x")):
         with pytest.raises(ArgumentError) as caught:
-            calibration.calibrate(arguments("calibrate", model="elbow", poses="p", prior=[(name, value)]), print)
+            calibration.calibrate(
+                arguments("calibrate", model="elbow", poses="p", prior=[(name, value)]), print
+            )
         start = f"--prior: given {name}={value}, expected a number for one of zero, position, rotation, compliance"
         assert str(caught.value).startswith(start)
     text = r"^--out: given manutec_r3@planar, expected a \.toml model file without @variant$"
-    monkeypatch.setattr(calibration, "read_model", lambda args: SimpleNamespace(variant="planar", file="x.toml"))
+    monkeypatch.setattr(
+        calibration, "read_model", lambda args: SimpleNamespace(variant="planar", file="x.toml")
+    )
     with pytest.raises(ArgumentError, match=text):
-        calibration.calibrate(arguments("calibrate", model="manutec_r3@planar", poses="p", out="c.toml"), print)
+        calibration.calibrate(
+            arguments("calibrate", model="manutec_r3@planar", poses="p", out="c.toml"), print
+        )
 
 
 def test_the_verbs_tune_and_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,18 +167,28 @@ def test_the_verbs_tune_and_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (answer.text, answer.problem) == ("fast\n\nwrote a.csv", "")
     assert answer.data == {"duration_s": 1.0, "csv": "a.csv"}
     limits = asked["limits"]
-    assert (limits.torque, limits.reserve) == ((3.0, 4.0), 0.1) and limits.speed in (5.0, (5.0, 5.0))
+    assert (limits.torque, limits.reserve) == ((3.0, 4.0), 0.1) and limits.speed in (
+        5.0,
+        (5.0, 5.0),
+    )
     none = {"model": "elbow", "torque": None, "speed": None, "reserve": None}
     control.fastest(arguments("fastest", **none), print)
     assert asked["limits"] == flexgen.Limits()
-    for status, problem in (("LIMITS_EXCEEDED", ""), ("TOLERANCE_NOT_MET", "the fastest move is tolerance not met")):
+    for status, problem in (
+        ("LIMITS_EXCEEDED", ""),
+        ("TOLERANCE_NOT_MET", "the fastest move is tolerance not met"),
+    ):
         Fast.solution = SimpleNamespace(status=flexgen.Status[status])
         assert control.fastest(arguments("fastest", **none), print).problem == problem
 
 
-def test_the_verbs_derive_and_measure_say_how_long_they_took(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_verbs_derive_and_measure_say_how_long_they_took(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     made = SimpleNamespace(name="arm", variant="stiff", title="arm@stiff")
-    equations = SimpleNamespace(model=made, sizes=lambda: {"mass_matrix": 12, "forward_dynamics": 345})
+    equations = SimpleNamespace(
+        model=made, sizes=lambda: {"mass_matrix": 12, "forward_dynamics": 345}
+    )
     monkeypatch.setattr(robot, "time", clock(100.0, 102.5))
     monkeypatch.setattr(robot, "derive_model", lambda args: equations)
     answer = robot.derive(arguments("derive", latex=False, text=False, json=True), print)
@@ -223,7 +258,12 @@ def described(folder: Path, *runs: tuple[float, int]) -> Path:
     text = HEAD
     for k, (pose, count) in enumerate(runs):
         t = 1e-3 * np.arange(count)
-        np.savez(folder / f"{k}.npz", t=t, u=np.sin(2 * np.pi * 10 * t), q=1e-2 * np.cos(2 * np.pi * 10 * t))
+        np.savez(
+            folder / f"{k}.npz",
+            t=t,
+            u=np.sin(2 * np.pi * 10 * t),
+            q=1e-2 * np.cos(2 * np.pi * 10 * t),
+        )
         text += f'\n[[recording]]\nfile = "{k}.npz"\npose_rad = [{pose}]\n'
     (folder / "runs.toml").write_text(text)
     return folder / "runs.toml"
@@ -237,7 +277,8 @@ def test_recordings_have_as_many_periods_at_every_pose(tmp_path: Path) -> None:
         with pytest.raises(ModelError, match=words):
             read_experiment(described(tmp_path, *runs))
     with pytest.raises(
-        ArgumentError, match=r"0\.npz: given 399 samples, expected at least two periods of 200 samples af"
+        ArgumentError,
+        match=r"0\.npz: given 399 samples, expected at least two periods of 200 samples af",
     ):
         read_experiment(described(tmp_path, (0.0, 399)))
 
@@ -254,7 +295,9 @@ def test_a_recording_of_periods_is_their_mean_twice() -> None:
             return int(self[name])
 
     x = np.arange(23.0)[:, None]
-    recording: Any = SimpleNamespace(t=0.1 * x[:, 0], sample_s=0.1, tau_m=x, q_m=2 * x, signals=3 * x, file="run.csv")
+    recording: Any = SimpleNamespace(
+        t=0.1 * x[:, 0], sample_s=0.1, tau_m=x, q_m=2 * x, signals=3 * x, file="run.csv"
+    )
     data: Any = SimpleNamespace(root=Root(values))
     found = motion_fit._Run(data, recording)
     one = np.array([x[4 + k : 20 + k : 4].mean() for k in range(4)])
@@ -270,7 +313,9 @@ def test_a_recording_of_periods_is_their_mean_twice() -> None:
     assert motion_fit._Run(data, recording).tau_m[0, 0] == pytest.approx(x[0:20:4].mean())
     for wrong in ({"period_s": 3.0}, {"period_s": 0.1}, {"period_s": 0.4, "transients": 5}):
         data.root = Root(wrong)
-        with pytest.raises(ArgumentError, match=r"^run\.csv: given 23 samples, expected a whole period$"):
+        with pytest.raises(
+            ArgumentError, match=r"^run\.csv: given 23 samples, expected a whole period$"
+        ):
             motion_fit._Run(data, recording)
 
 
@@ -306,8 +351,12 @@ def test_differences_of_a_motion_fit_are_of_the_size_of_its_motion() -> None:
     """Angles by the scatter of the steps of the record, speeds by those of a sample, torques by their scatter."""
     made: Any = object.__new__(motion_fit._Shooting)
     held = np.r_[5.0, np.zeros(5)][:, None] * [1.0, 0.0]
-    vars(made).update(sample_s=0.5, steps=1, samples=3, starts=[(0, 0)], y=np.array([[[0.0], [1.0], [4.0]]]))
-    vars(made).update(model=SimpleNamespace(n_m=2, dof=2), _curves=[held], _times=[0.0], measured=[np.zeros(6)])
+    vars(made).update(
+        sample_s=0.5, steps=1, samples=3, starts=[(0, 0)], y=np.array([[[0.0], [1.0], [4.0]]])
+    )
+    vars(made).update(
+        model=SimpleNamespace(n_m=2, dof=2), _curves=[held], _times=[0.0], measured=[np.zeros(6)]
+    )
     assert_allclose(made._scales(), [1.0, 1.0, 2.0, 2.0, np.std([5.0, 0.0, 0.0]), 1e-9])
     made.y = np.ones((1, 3, 1))
     assert_allclose(made._scales()[:4], [1e-9, 1e-9, 2e-9, 2e-9])
@@ -340,7 +389,8 @@ def test_a_chain_is_stable_up_to_its_largest_frequency(predicted: bool) -> None:
         if largest > 500.0:
             continue
         below, above = (
-            chain.largest_eigenvalue(chain.chain_gains(x * largest, 2, form, 1e-3), timing) for x in (0.99, 1.01)
+            chain.largest_eigenvalue(chain.chain_gains(x * largest, 2, form, 1e-3), timing)
+            for x in (0.99, 1.01)
         )
         assert below < 1.0 < above
     largest = chain.largest_frequency(2, "continuous", timing)
@@ -361,12 +411,17 @@ def test_gains_of_tomei_hold_the_arm_against_gravity(coupled: bool) -> None:
     assert np.count_nonzero(model.eta) == 2 + coupled
     poses = np.linspace([0.2, -0.8], [1.2, 0.9], 20)
     motion: Any = SimpleNamespace(
-        model=model, equations=equations, reference=SimpleNamespace(time=np.arange(20.0), motion={"q_a": poses})
+        model=model,
+        equations=equations,
+        reference=SimpleNamespace(time=np.arange(20.0), motion={"q_a": poses}),
     )
     gravity, h = equations.function("gravity"), 1e-6
     alpha = 0.0
     for q in poses:
-        change = [(np.array(gravity(q + x)) - np.array(gravity(q - x))).ravel() / (2 * h) for x in h * np.eye(2)]
+        change = [
+            (np.array(gravity(q + x)) - np.array(gravity(q - x))).ravel() / (2 * h)
+            for x in h * np.eye(2)
+        ]
         alpha = max(alpha, float(np.linalg.norm(np.array(change), 2)))
     K = np.diag([model.coordinates[i].dof.gear.spring.stiffness for i in model.i_g])
 
@@ -381,16 +436,19 @@ def test_gains_of_tomei_hold_the_arm_against_gravity(coupled: bool) -> None:
     motor_laws._check_gravity(motion, 1.01 * high * shares)
     with pytest.raises(ArgumentError) as caught:
         motor_laws._check_gravity(motion, 0.99 * low * shares)
-    words = (
-        f"springs and gains is {least(0.99 * low):.4g} and gravity changes by {alpha:.4g} N m/rad; expected the first"
-    )
+    words = f"springs and gains is {least(0.99 * low):.4g} and gravity changes by {alpha:.4g} N m/rad; expected the first"
     assert words in str(caught.value)
 
 
 def test_passivity_in_words() -> None:
     margins = np.array([[2.0, 1.0, 3.0], [4.0, -0.5, -0.25]])
     found = Passivity("arm", "ppi", ("begin", "end"), np.array([1.0, 10.0, 100.0]), margins)
-    assert not found.passive and found.margin == -0.5 and found.pose == "end" and found.fails_hz == 10.0
+    assert (
+        not found.passive
+        and found.margin == -0.5
+        and found.pose == "end"
+        and found.fails_hz == 10.0
+    )
     assert str(found).splitlines() == [
         "arm, controller ppi: not passive",
         "  begin: damping at the tool at least 1 N s/m, at 10 Hz",
@@ -399,7 +457,11 @@ def test_passivity_in_words() -> None:
     data = found.to_dict()
     assert (data["passive"], data["margin"], data["fails_hz"]) == (False, -0.5, 10.0)
     calm = Passivity("arm", "ppi", ("begin",), found.hz, np.array([[0.0, 1.0, 2.0]]))
-    assert calm.passive and calm.fails_hz is None and str(calm).startswith("arm, controller ppi: passive\n")
+    assert (
+        calm.passive
+        and calm.fails_hz is None
+        and str(calm).startswith("arm, controller ppi: passive\n")
+    )
     assert Passivity("a", "b", ("x",), found.hz, np.array([[1.0, 1.0, -1e-9]])).fails_hz == 100.0
 
 
@@ -407,18 +469,26 @@ def test_robustness_runs_every_robot_control_and_solution(monkeypatch: pytest.Mo
     ran: list[Any] = []
 
     class Run:
-        def __init__(self, robot: Any, path: Any, trajectory: Any, until: float, gains: Any) -> None:
+        def __init__(
+            self, robot: Any, path: Any, trajectory: Any, until: float, gains: Any
+        ) -> None:
             ran.append((robot, trajectory, until, gains))
 
         def figures(self) -> dict[str, float]:
             return {"error_max_m": float(len(ran))}
 
-    for name, value in {"_Run": Run, "Path": lambda *given: given, "_gains": lambda *given: "gains"}.items():
+    for name, value in {
+        "_Run": Run,
+        "Path": lambda *given: given,
+        "_gains": lambda *given: "gains",
+    }.items():
         monkeypatch.setattr(robustness, name, value)
     monkeypatch.setattr(robustness, "perturb", lambda model, plant: f"{model} {plant.name}")
     monkeypatch.setattr(robustness, "Equations", lambda model: model)
     function = next(
-        x for x in vars(robustness).values() if getattr(x, "__doc__", None) and "for each plant" in x.__doc__
+        x
+        for x in vars(robustness).values()
+        if getattr(x, "__doc__", None) and "for each plant" in x.__doc__
     )
     move = SimpleNamespace(name="line")
     solutions = {
@@ -432,18 +502,42 @@ def test_robustness_runs_every_robot_control_and_solution(monkeypatch: pytest.Mo
         robustness.Plant("b", 1.0, 2.0),
     ]
     told: list[str] = []
-    rows = function(equations, solutions, plants=plants, controls=("feedback", "feedforward"), progress=told.append)
+    rows = function(
+        equations,
+        solutions,
+        plants=plants,
+        controls=("feedback", "feedforward"),
+        progress=told.append,
+    )
     assert len(rows) == len(ran) == 12 and told[5] == "robustness: soft, feedback, exact"
-    assert [x[0] for x in ran[:1]] == [equations] and [x[0] for x in ran[4::4]] == ["arm soft", "arm b"]
-    assert {x[2] for x in ran} == {2.0} and [x[3] for x in ran[:4]] == ["gains", "gains", None, None]
-    expected = {"plant": "soft", "stiffness": 0.8, "mass": 1.0, "control": "feedback", "method": "exact"}
+    assert [x[0] for x in ran[:1]] == [equations] and [x[0] for x in ran[4::4]] == [
+        "arm soft",
+        "arm b",
+    ]
+    assert {x[2] for x in ran} == {2.0} and [x[3] for x in ran[:4]] == [
+        "gains",
+        "gains",
+        None,
+        None,
+    ]
+    expected = {
+        "plant": "soft",
+        "stiffness": 0.8,
+        "mass": 1.0,
+        "control": "feedback",
+        "method": "exact",
+    }
     assert rows[5] == expected | {"error_max_m": 6.0}
     with pytest.raises(ArgumentError, match=r"^controls: given 'none', expected "):
         function(equations, solutions, plants=plants, controls=("none",))
     other = {"a": solutions["rigid"], "b": SimpleNamespace(move=SimpleNamespace(name="arc"))}
-    with pytest.raises(ArgumentError, match=r"^solutions: given moves arc, line, expected solutions of one move$"):
+    with pytest.raises(
+        ArgumentError, match=r"^solutions: given moves arc, line, expected solutions of one move$"
+    ):
         function(equations, other, plants=plants)
-    with pytest.raises(ArgumentError, match=r"^solutions: given moves none, expected solutions of one move$"):
+    with pytest.raises(
+        ArgumentError, match=r"^solutions: given moves none, expected solutions of one move$"
+    ):
         function(equations, {}, plants=plants)
 
 
@@ -463,8 +557,11 @@ def test_a_guess_is_the_motion_of_a_solution() -> None:
     assert_allclose(dy, np.hstack([found["v_a"], found["v_m"]]))
     assert_allclose(ddy, np.hstack([found["a_a"], found["a_m"]]))
     assert_allclose(tau, found["tau_m"])
-    assert_allclose(whole.at(t)[0], np.hstack([(x := trajectory.at(t + trajectory.time[0]))["q_a"], x["q_m"]]))
+    assert_allclose(
+        whole.at(t)[0], np.hstack([(x := trajectory.at(t + trajectory.time[0]))["q_a"], x["q_m"]])
+    )
     with pytest.raises(
-        SolverError, match=r"^guess: given a trajectory of elbow, expected one of planar5_nmp with the ch"
+        SolverError,
+        match=r"^guess: given a trajectory of elbow, expected one of planar5_nmp with the ch",
     ):
         from_solution(derive("planar5_nmp"), trajectory)

@@ -11,7 +11,14 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import flexgen
-from flexgen.environment.wall import add_contact, check_start, contact_force, contact_function, in_world, numbers_of
+from flexgen.environment.wall import (
+    add_contact,
+    check_start,
+    contact_force,
+    contact_function,
+    in_world,
+    numbers_of,
+)
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.mechanics.equations import derive
 from flexgen.model.urdf import Inertial, Urdf
@@ -34,7 +41,8 @@ def test_a_wall_pushes_with_spring_and_damper_and_never_pulls() -> None:
         p = np.array(equations.function("forward_kinematics")(q[k])[0]).ravel()
         h = 1e-6
         ahead, behind = (
-            np.array(equations.function("forward_kinematics")(q[k] + s * h * v[k])[0]).ravel() for s in (1, -1)
+            np.array(equations.function("forward_kinematics")(q[k] + s * h * v[k])[0]).ravel()
+            for s in (1, -1)
         )
         depth, rate = n @ (wall.point - 0.05 * n - p), n @ (ahead - behind) / (2 * h)
         push = 2e3 * depth - 150.0 * rate if depth > 0 else 0.0
@@ -44,7 +52,9 @@ def test_a_wall_pushes_with_spring_and_damper_and_never_pulls() -> None:
         assert_allclose(whole, [*found[k], 0.0, 0.0, 0.0])
     assert seen == {(True, True), (True, False), (False, False)}
     ports = {name: Port(name, (2,), "rad", "of the arm") for name in ("q_a", "v_a")}
-    motion = Trajectory(np.arange(40.0), {"q_a": q, "v_a": v}, ports, dict.fromkeys(ports, ("q1", "q2")))
+    motion = Trajectory(
+        np.arange(40.0), {"q_a": q, "v_a": v}, ports, dict.fromkeys(ports, ("q1", "q2"))
+    )
     more = add_contact(wall, equations, motion)
     assert_allclose(more["contact"], found)
     assert more.labels["contact"] == ("fx", "fy", "fz") and more.ports["contact"].unit == "N"
@@ -54,7 +64,10 @@ def test_a_wall_is_in_the_frame_of_the_base() -> None:
     model = flexgen.read("elbow")
     R = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
     base = replace(model.base, rotation=tuple(map(tuple, R.tolist())), position=(1.0, 2.0, 3.0))
-    moved, wall = replace(model, base=base), flexgen.Wall((0.4, 0.0, -0.1), (0.0, 0.0, 2.0), 5.0, gap=0.25)
+    moved, wall = (
+        replace(model, base=base),
+        flexgen.Wall((0.4, 0.0, -0.1), (0.0, 0.0, 2.0), 5.0, gap=0.25),
+    )
     point, normal = in_world(wall, moved)
     assert_allclose(normal, R @ [0, 0, 1])
     assert_allclose(point, [1, 2, 3] + R @ [0.4, 0.0, -0.1 - 0.25])
@@ -64,15 +77,23 @@ def test_a_wall_is_in_the_frame_of_the_base() -> None:
     check_start(flexgen.Wall(tuple(p - 1e-9 * np.eye(3)[0]), (1.0, 0.0, 0.0), 5.0), equations, q)
     text = r"^wall: given a wall in which the tool begins, 0\.25 m deep, expected the tool before it; turn the normal"
     with pytest.raises(ArgumentError, match=text):
-        check_start(flexgen.Wall(tuple(p + 0.25 * np.eye(3)[0]), (1.0, 0.0, 0.0), 5.0), equations, q)
+        check_start(
+            flexgen.Wall(tuple(p + 0.25 * np.eye(3)[0]), (1.0, 0.0, 0.0), 5.0), equations, q
+        )
 
 
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"point": (1.0, 2.0)}, r"wall, point: given \(1\.0, 2\.0\), expected three finite numbers"),
+        (
+            {"point": (1.0, 2.0)},
+            r"wall, point: given \(1\.0, 2\.0\), expected three finite numbers",
+        ),
         ({"point": (1.0, 2.0, 1e9)}, "wall, point: given .*, expected three finite numbers"),
-        ({"normal": (0.0, 0.0, 1e-10)}, r"wall, normal: given .*, expected a vector that is not zero"),
+        (
+            {"normal": (0.0, 0.0, 1e-10)},
+            r"wall, normal: given .*, expected a vector that is not zero",
+        ),
         ({"normal": (0.0, np.nan, 1.0)}, "wall, normal: given .*, expected three finite numbers"),
         ({"stiffness": 0.0}, r"wall, stiffness: given 0\.0, expected a number > 0 in N/m"),
         ({"damping": -1.0}, r"wall, damping: given -1\.0"),
@@ -96,11 +117,17 @@ def urdf_of(folder: Path, inside: str, kind: str = "continuous") -> Urdf:
 def test_what_a_joint_leaves_out_has_the_defaults_of_the_format(tmp_path: Path) -> None:
     found = urdf_of(tmp_path, "")
     joint = found.joints["j"]
-    assert found.axis(joint) == [1.0, 0.0, 0.0] and found.mimic(joint) is None and found.limit(joint) is None
+    assert (
+        found.axis(joint) == [1.0, 0.0, 0.0]
+        and found.mimic(joint) is None
+        and found.limit(joint) is None
+    )
     assert found.dynamics(joint) == (joint.node.line, 0.0, 0.0)
     assert_allclose(found.origin(joint).rotation, np.eye(3))
     assert_allclose(found.origin(joint).position, 0.0)
-    more = '<origin xyz="1 2 3"/><mimic joint="k"/><dynamics friction="0.4"/><axis xyz="0 0.6 0.8"/>'
+    more = (
+        '<origin xyz="1 2 3"/><mimic joint="k"/><dynamics friction="0.4"/><axis xyz="0 0.6 0.8"/>'
+    )
     found = urdf_of(tmp_path, more)
     joint = found.joints["j"]
     assert_allclose(found.origin(joint).rotation, np.eye(3))
@@ -110,7 +137,11 @@ def test_what_a_joint_leaves_out_has_the_defaults_of_the_format(tmp_path: Path) 
     more = '<origin rpy="0.1 0.2 0.3"/><mimic joint="k" multiplier="-2" offset="0.5"/><dynamics damping="0.3"/>'
     found = urdf_of(tmp_path, more)
     joint = found.joints["j"]
-    assert_allclose(found.origin(joint).rotation, Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as_matrix(), atol=1e-15)
+    assert_allclose(
+        found.origin(joint).rotation,
+        Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as_matrix(),
+        atol=1e-15,
+    )
     assert_allclose(found.origin(joint).position, 0.0)
     assert found.mimic(joint)[1:] == ("k", -2.0, 0.5) and found.dynamics(joint)[1:] == (0.3, 0.0)  # type: ignore[index]
 
@@ -120,8 +151,16 @@ def test_what_a_joint_leaves_out_has_the_defaults_of_the_format(tmp_path: Path) 
     [
         ("continuous", 'effort="0" velocity="1"', 'effort: given "0", expected a number > 0'),
         ("continuous", 'effort="1" velocity="-1"', 'velocity: given "-1", expected a number > 0'),
-        ("revolute", 'effort="1" velocity="1" lower="1" upper="1"', "given lower 1, upper 1, expected a lower limit"),
-        ("revolute", 'effort="1" velocity="1" lower="1"', "upper: given nothing, expected a number"),
+        (
+            "revolute",
+            'effort="1" velocity="1" lower="1" upper="1"',
+            "given lower 1, upper 1, expected a lower limit",
+        ),
+        (
+            "revolute",
+            'effort="1" velocity="1" lower="1"',
+            "upper: given nothing, expected a number",
+        ),
     ],
 )
 def test_limits_of_a_joint_are_checked(kind: str, limit: str, text: str, tmp_path: Path) -> None:
@@ -149,7 +188,9 @@ def test_bodies_that_are_fixed_to_each_other_are_one() -> None:
 
     def body(m: np.ndarray, r: np.ndarray, reduced: bool = False) -> Inertial:
         com = (m[:, None] * r).sum(axis=0) / m.sum()
-        tensor = sum(x * (d @ d * np.eye(3) - np.outer(d, d)) for x, d in zip(m, r - com, strict=True))
+        tensor = sum(
+            x * (d @ d * np.eye(3) - np.outer(d, d)) for x, d in zip(m, r - com, strict=True)
+        )
         return Inertial(float(m.sum()), com, np.asarray(tensor), reduced)
 
     found = lump_bodies([body(m[k], r[k], k == 1) for k in range(3)])

@@ -46,7 +46,14 @@ def learned(monkeypatch: pytest.MonkeyPatch, unit: str, measured_by: str, load: 
     lanes = [SimpleNamespace(load=load, dynamic=d) for d in (3e-3, 5e-4, np.nan)]
     solution = SimpleNamespace(move=SimpleNamespace(name="line"))
     runs = tuple(
-        Runs(unit=unit, lane=lane, model=SimpleNamespace(name="arm"), solution=solution, controller="pd", number=k)
+        Runs(
+            unit=unit,
+            lane=lane,
+            model=SimpleNamespace(name="arm"),
+            solution=solution,
+            controller="pd",
+            number=k,
+        )
         for k, lane in enumerate(lanes)
     )
     monkeypatch.setattr(learn, "_largest", lambda run, plant: sizes[run.number])
@@ -73,13 +80,27 @@ def test_learning_is_told_by_iterations(monkeypatch: pytest.MonkeyPatch) -> None
     made = learned(monkeypatch, "m", "tracker")
     assert repr(made) == "<LearningResult arm: 4 mm -> 1 mm>"
     head = "arm, move line: largest error of each iteration, Q 12.5 Hz, gain 0.8"
-    assert str(made).splitlines() == [head, "  0: 4 mm", "  1: 1 mm (best)", "  2: 2 mm", "  the error grows"]
-    assert made.errors_m == made.errors == (4e-3, 1e-3, 2e-3) and made.measured_m == (3e-3, 9e-4, 2e-3)
+    assert str(made).splitlines() == [
+        head,
+        "  0: 4 mm",
+        "  1: 1 mm (best)",
+        "  2: 2 mm",
+        "  the error grows",
+    ]
+    assert made.errors_m == made.errors == (4e-3, 1e-3, 2e-3) and made.measured_m == (
+        3e-3,
+        9e-4,
+        2e-3,
+    )
     assert made.dynamic_errors_m == made.dynamic_errors == (3e-3, 5e-4, np.inf)
     assert made.trajectory == "trajectory of a, 1"
     figures = made.to_dict()
     assert (figures["model"], figures["move"], figures["plant"]) == ("arm", "line", "a")
-    assert figures["errors_max_m"] == [4e-3, 1e-3, 2e-3] and figures["measured_errors_max_m"] == [3e-3, 9e-4, 2e-3]
+    assert figures["errors_max_m"] == [4e-3, 1e-3, 2e-3] and figures["measured_errors_max_m"] == [
+        3e-3,
+        9e-4,
+        2e-3,
+    ]
     turned = learned(monkeypatch, "rad", "accelerometer", "2 kg")
     assert turned.errors_m == turned.dynamic_errors_m == turned.measured_m == ()
     lines = str(turned).splitlines()
@@ -87,7 +108,9 @@ def test_learning_is_told_by_iterations(monkeypatch: pytest.MonkeyPatch) -> None
     assert lines[2] == "  1: 1 mrad (best), dynamic 500 urad, estimated 900 urad"
 
 
-def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of both signs, of the worst instant of each motor; up to a thousandth of the limit is accepted."""
     limits, margins = np.array([10.0, 4.0]), []
 
@@ -99,7 +122,9 @@ def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(monkeypatch: pyt
 
     def find(margin: np.ndarray | None = None) -> Move:
         margins.append(None if margin is None else margin.tolist())
-        return Move(np.zeros(2) if margin is None else margin, SimpleNamespace(torque=limits.tolist()))
+        return Move(
+            np.zeros(2) if margin is None else margin, SimpleNamespace(torque=limits.tolist())
+        )
 
     def torques(excess: list[float]) -> Any:
         def of(margin: np.ndarray, progress: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -119,13 +144,18 @@ def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(monkeypatch: pyt
         monkeypatch.setattr(minimum_time, "find_function", torques(excess))
         found = minimum_time._with_margin(find, None)
         assert len(margins) == len(expected) and all(
-            a == b or a == pytest.approx(b, abs=1e-12) for a, b in zip(margins, expected, strict=True)
+            a == b or a == pytest.approx(b, abs=1e-12)
+            for a, b in zip(margins, expected, strict=True)
         )
         assert found.margin == pytest.approx(expected[-1] or (0.0, 0.0))
     monkeypatch.setattr(minimum_time, "find_function", torques([0.0, 4.0]))
-    with pytest.raises(SolverError, match=r"95 % of the robots needs \[0.0, 4.0\] N m or more of the torque limits"):
+    with pytest.raises(
+        SolverError, match=r"95 % of the robots needs \[0.0, 4.0\] N m or more of the torque limits"
+    ):
         minimum_time._with_margin(find, None)
-    monkeypatch.setattr(minimum_time, "find_function", lambda name: lambda *_, **__: 2 * [limits[None] + 0.5])
+    monkeypatch.setattr(
+        minimum_time, "find_function", lambda name: lambda *_, **__: 2 * [limits[None] + 0.5]
+    )
     margins.clear()
     with pytest.raises(SolverError, match=r"95 % of the robots needs \[2.5, 2.5\] N m or more"):
         minimum_time._with_margin(find, None)
@@ -136,7 +166,10 @@ def test_causes_of_nonlinear_responses_are_told_with_their_sizes() -> None:
     """A dead band and a slip over the deflection of the gear, both in its unit; a growth in percent."""
     assert levels._size("backlash", [0.25], 0.8, "mrad") == "+-0.2 mrad"
     assert levels._size("cubic", [0.375], 0.8, "mm") == "38 % more at 0.8 mm rms"
-    assert levels._size("hysteresis", [0.125, 1.5], 0.8, "mrad") == "12 % of the stiffness slips at 1.2 mrad"
+    assert (
+        levels._size("hysteresis", [0.125, 1.5], 0.8, "mrad")
+        == "12 % of the stiffness slips at 1.2 mrad"
+    )
 
 
 def test_an_error_of_a_pose_has_its_rotation_vector() -> None:
@@ -145,10 +178,15 @@ def test_an_error_of_a_pose_has_its_rotation_vector() -> None:
     q = np.array([[0.1, 0.3], [0.2, 0.5], [0.3, 0.6]])
     R = np.array([np.array(equations.function("forward_kinematics")(x)[1]) for x in q])
     turns = np.array([[0.01, -0.02, 0.03], [0.0, 0.1, 0.0], [0.2, 0.0, 0.1]])
-    wanted = np.array([Rotation.from_rotvec(-d).as_matrix() @ r for d, r in zip(turns, R, strict=True)])
+    wanted = np.array(
+        [Rotation.from_rotvec(-d).as_matrix() @ r for d, r in zip(turns, R, strict=True)]
+    )
     columns = wanted.reshape(3, 9)
     e = np.arange(9.0).reshape(3, 3)
-    run: Any = Runs(lane=SimpleNamespace(error=e, q_a=q), reference=SimpleNamespace(R_ref=columns, time=np.arange(3.0)))
+    run: Any = Runs(
+        lane=SimpleNamespace(error=e, q_a=q),
+        reference=SimpleNamespace(R_ref=columns, time=np.arange(3.0)),
+    )
     commanded: Any = SimpleNamespace(equations=equations, time=np.array([0.0, 1.0, 1.5]))
     found = CommandedPath.error(commanded, run, "a")
     assert_allclose(found[:2, :3], e[:2])
@@ -165,7 +203,9 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
 
     made = object.__new__(minimum_time.FastestMove)
     motors = [SimpleNamespace(name=name) for name in ("m1", "m2")]
-    solution = Solved(model=SimpleNamespace(name="arm", motors=motors), move=SimpleNamespace(name="line"))
+    solution = Solved(
+        model=SimpleNamespace(name="arm", motors=motors), move=SimpleNamespace(name="line")
+    )
     fields = {
         "solution": solution,
         "default": SimpleNamespace(trajectory={"tau_m": np.array([[0.5, 1.0], [-2.5, 0.0]])}),
@@ -193,7 +233,9 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
         "  vibration after the path, as in file: 1 mm (2 mm as given)",
         "  effort 3",
     ]
-    assert made.vibration_m == {"as in file": 1e-3} and made.default_vibration_m == {"as in file": 2e-3}
+    assert made.vibration_m == {"as in file": 1e-3} and made.default_vibration_m == {
+        "as in file": 2e-3
+    }
     unit["of"] = "rad"
     assert made.vibration_m == made.default_vibration_m == {}
     load = Load(
@@ -219,11 +261,17 @@ def test_the_time_of_a_mass_between_two_rests_is_that_of_two_parabolas() -> None
     """Force F on a mass: ``2 sqrt(L m / F)``; with a speed limit v: ``L / v + m v / F``."""
     s = np.linspace(0.0, 2.0, 201)
     column = np.ones((201, 1))
-    free = rigid_time._time(s, 3.0 * column, 0.0 * column, 0.0 * column, np.array([6.0]), np.full(201, np.inf))
+    free = rigid_time._time(
+        s, 3.0 * column, 0.0 * column, 0.0 * column, np.array([6.0]), np.full(201, np.inf)
+    )
     assert free == pytest.approx(2 * np.sqrt(2.0 * 3.0 / 6.0), rel=5e-3)
-    slow = rigid_time._time(s, 3.0 * column, 0.0 * column, 0.0 * column, np.array([6.0]), np.full(201, 0.25))
+    slow = rigid_time._time(
+        s, 3.0 * column, 0.0 * column, 0.0 * column, np.array([6.0]), np.full(201, 0.25)
+    )
     assert slow == pytest.approx(2.0 / 0.5 + 3.0 * 0.5 / 6.0, rel=5e-3)
-    held = rigid_time._time(s, 3.0 * column, 0.0 * column, 2.0 * column, np.array([6.0]), np.full(201, np.inf))
+    held = rigid_time._time(
+        s, 3.0 * column, 0.0 * column, 2.0 * column, np.array([6.0]), np.full(201, np.inf)
+    )
     v = np.sqrt(2 * 2.0 / (1 / (4 / 3) + 1 / (8 / 3)))  # 4 N to accelerate, 8 N to brake
     assert held == pytest.approx(v / (4 / 3) + v / (8 / 3), rel=5e-3)
 
@@ -235,7 +283,11 @@ def test_a_tuned_controller_tells_where_it_began() -> None:
 
     score = Scored(total=1.25, accepted=True, scenario=SimpleNamespace(name="two_link-1"))
     made = object.__new__(TuningResult)
-    for name, value in {"score": score, "start": Scored(total=2.5, accepted=True), "evaluations": 40}.items():
+    for name, value in {
+        "score": score,
+        "start": Scored(total=2.5, accepted=True),
+        "evaluations": 40,
+    }.items():
         object.__setattr__(made, name, value)
     assert repr(made) == "<TuningResult two_link-1: 40 evaluations, score 1.2500>"
     assert str(made) == "score of it\n  from 2.5000 in 40 evaluations"
@@ -264,10 +316,18 @@ def test_meshes_are_counts_lengths_or_nodes() -> None:
     assert len(arguments.mesh_nodes(arguments.MOST, 2.0)) == arguments.MOST + 1
     for bad in (None, True, "8", b"8"):
         with pytest.raises(
-            ArgumentError, match=r"mesh: given .*, expected a number of intervals, a length in s or relat"
+            ArgumentError,
+            match=r"mesh: given .*, expected a number of intervals, a length in s or relat",
         ):
             arguments.mesh_nodes(bad, 2.0)
-    for wrong in ([0.0], [[0.0, 1.0]], [0.0, 0.5, 0.5, 1.0], [0.0, 0.6, 0.5, 1.0], [0.0, "x"], [0.0, np.nan, 1.0]):
+    for wrong in (
+        [0.0],
+        [[0.0, 1.0]],
+        [0.0, 0.5, 0.5, 1.0],
+        [0.0, 0.6, 0.5, 1.0],
+        [0.0, "x"],
+        [0.0, np.nan, 1.0],
+    ):
         with pytest.raises(ArgumentError, match="expected increasing relative nodes from 0 to 1"):
             arguments.mesh_nodes(wrong, 2.0)
     for off in ([0.1, 1.0], [0.0, 0.9], 0, -1, arguments.MOST + 1, 1e-9, 0.0, -0.5):
@@ -299,12 +359,16 @@ def test_comparisons_become_expressions_below_zero() -> None:
         assert ca.Function("f", [x, y], [value])(5.0, 2.0) == 3.0 and equal == [True]
         for bad in (x + y, x, ca.sin(x)):
             with pytest.raises(
-                ArgumentError, match=r"rule: given .*, expected a comparison such as problem\['v_m'\] <= "
+                ArgumentError,
+                match=r"rule: given .*, expected a comparison such as problem\['v_m'\] <= ",
             ):
                 signals.split_comparison(bad, "rule")
     x = ca.SX.sym("x", 2)
     value, equal = signals.split_comparison(ca.vertcat(x[0] < 3, x[1] == 4), "rule")
-    assert np.array(ca.Function("f", [x], [value])([5.0, 6.0])).ravel().tolist() == [2.0, 2.0] and equal == [
+    assert np.array(ca.Function("f", [x], [value])([5.0, 6.0])).ravel().tolist() == [
+        2.0,
+        2.0,
+    ] and equal == [
         False,
         True,
     ]
@@ -331,7 +395,9 @@ def test_the_worst_constraint_is_named_with_its_instant() -> None:
     def words(*g: float) -> str:
         return result.describe_worst(made, SimpleNamespace(g=np.array(g)), x, layout)
 
-    assert words(0.0, 1.0, 4.0).startswith("all constraints hold, the cost is not at its minimum; raise max_iterations")
+    assert words(0.0, 1.0, 4.0).startswith(
+        "all constraints hold, the cost is not at its minimum; raise max_iterations"
+    )
     assert words(1e-10, 0.0, 0.0).startswith("all constraints hold")
     assert words(0.1, 0.0, 0.0) == "the largest violated constraint is 'a', by 0.1"
     assert words(0.1, -3.0, 0.0) == "the largest violated constraint is 'b', by 0.5 at t = 3.5 s"
@@ -344,13 +410,18 @@ def test_the_worst_constraint_is_named_with_its_instant() -> None:
         assert len(result._between(phase, np.array([1.0, length]))) == most
     equations = flexgen.derive("elbow")
     other: Any = SimpleNamespace(labels={"q_a": ("x",)}, channels={}, meta={"model": "other"})
-    with pytest.raises(flexgen.SolverError, match="guess: given a trajectory of other, expected one of elbow with the"):
+    with pytest.raises(
+        flexgen.SolverError,
+        match="guess: given a trajectory of other, expected one of elbow with the",
+    ):
         from_solution(equations, other)
 
 
 def test_the_tables_of_new_springs_can_be_read_again() -> None:
     made = SimpleNamespace
-    dof = SimpleNamespace(name="q2_x", axis=(0.0, 0.6, -0.8), spring=LinearSpring(1.25e6), damping=375.0)
+    dof = SimpleNamespace(
+        name="q2_x", axis=(0.0, 0.6, -0.8), spring=LinearSpring(1.25e6), damping=375.0
+    )
     old = SimpleNamespace(name="q2", axis=(1.0, 0.0, 0.0), spring=None, damping=0.0)
     found: Any = made(
         changes=(
@@ -363,7 +434,9 @@ def test_the_tables_of_new_springs_can_be_read_again() -> None:
         identified=made(vector=made(model=made(name="planar")), status="fitted", cost=1.25),
     )
     text = structure_text(found)
-    assert text.startswith("planar: added q2_x, removed nothing\nfit of the result: fitted, cost 1.25 (1 expected)")
+    assert text.startswith(
+        "planar: added q2_x, removed nothing\nfit of the result: fitted, cost 1.25 (1 expected)"
+    )
     rows = [line.split() for line in text.splitlines() if line.split()[:1] in (["add"], ["remove"])]
     assert rows == [["add", "q2_x", "52", "0.5", "kept"], ["remove", "q1_y", "3"]]
     assert text.count("[[element.dof]]") == 1 and "in the element arm2 behind the joint q2:" in text
@@ -380,12 +453,19 @@ def test_the_tables_of_new_springs_can_be_read_again() -> None:
 def test_a_verdict_in_words_has_its_quantiles_in_micrometers() -> None:
     def row(model: str, median: float | None, high: float) -> Any:
         parts = {0.5: median, 0.95: high}
-        return SimpleNamespace(model=model, error_m=(high,), error_rad=None, quantile=lambda part, unit: parts[part])
+        return SimpleNamespace(
+            model=model, error_m=(high,), error_rad=None, quantile=lambda part, unit: parts[part]
+        )
 
     rows = (row("before", 2e-3, 5e-3), row("after", None, 1e-4))
     made: Any = SimpleNamespace(known=False, rows=rows, move="line", robots=24)
     text = verdict_text(made)
     assert "of the move line with motor feedback, 24 robots drawn from the covariance:" in text
     assert "median, um" in text and "95 %, um" in text and "urad" not in text
-    assert [line.split() for line in text.splitlines()[-2:]] == [["before", "2000", "5000"], ["after", "0", "100"]]
-    assert "24 x the robot of --truth:" in verdict_text(SimpleNamespace(**{**vars(made), "known": True}))  # type: ignore[arg-type]
+    assert [line.split() for line in text.splitlines()[-2:]] == [
+        ["before", "2000", "5000"],
+        ["after", "0", "100"],
+    ]
+    assert "24 x the robot of --truth:" in verdict_text(
+        SimpleNamespace(**{**vars(made), "known": True})
+    )  # type: ignore[arg-type]

@@ -27,17 +27,23 @@ def test_figures_of_an_output_by_hand() -> None:
     assert measures.LAST_S == 0.1  # two samples: what it settles to
     assert measures._of_output("peak", z, scenario) == 4.0
     assert measures._of_output("rms", z, scenario) == pytest.approx(np.std(z))
-    assert measures._of_output("settling", z, scenario) == pytest.approx(0.05 * 3)  # equal to the tolerance is inside
+    # equal to the tolerance is inside
+    assert measures._of_output("settling", z, scenario) == pytest.approx(0.05 * 3)
     assert measures._of_output("settling", z - 1.0, scenario) == pytest.approx(0.05 * 3)
     assert measures._of_output("settling", 0.2 + 0 * z, scenario) == 0.0
     scenario.measures_version = 2
     # the envelope from the end over the tolerance less a half, from zero to one
     shares = np.clip(np.array([3.0, 3.0, 1.0, 0.5, 0.25, 0.125]) / 0.25 - 0.5, 0.0, 1.0)
-    assert measures._of_output("settling", z, scenario) == pytest.approx(0.05 * shares.sum()) and shares[4] == 0.5
+    assert (
+        measures._of_output("settling", z, scenario) == pytest.approx(0.05 * shares.sum())
+        and shares[4] == 0.5
+    )
 
 
 @pytest.mark.parametrize("last", ["0.02,3,4\n", "\n0.02,3,4\n"])
-def test_rows_of_a_record_of_a_servo(last: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_a_record_of_a_servo(
+    last: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Times in s or ms; the line of a mistake is that of the file."""
     monkeypatch.setattr(record, "FEWEST", 2)
     model: Any = Made(i_g=(0,), coordinates=[Made(name="q1", unit="rad")], title="arm", name="arm")
@@ -53,7 +59,10 @@ def test_rows_of_a_record_of_a_servo(last: str, tmp_path: Path, monkeypatch: pyt
     assert_allclose([found.command[0, 0], found.angle[0, 0]], [np.pi, np.pi / 2])
     for text, line, given in (("10,2", 3, 2), ("10,2,3,4", 3, 4), ("10,2,3\n20,1", 4, 2)):
         file.write_text(f"time_ms,q1_command_deg,q1_deg\n0,1,2\n{text}\n")
-        with pytest.raises(ArgumentError, match=rf"record\.csv:{line}: given {given} cells, expected 3, one for each"):
+        with pytest.raises(
+            ArgumentError,
+            match=rf"record\.csv:{line}: given {given} cells, expected 3, one for each",
+        ):
             read(ServoRecord, file, model)
 
 
@@ -93,7 +102,9 @@ def test_loops_over_columns_have_sums_and_products_only() -> None:
     function = ca.Function("f", [x], [ca.sin(x[0]) + x[1]], ["x"], ["y"])
     step: Any = Made(function=function, tables={}, n=4)
     layout: Any = Made(at=lambda array, row: 10 * row, precision="double")
-    with pytest.raises(BuildError, match="columns of f: given the operation sin, expected sums and products"):
+    with pytest.raises(
+        BuildError, match="columns of f: given the operation sin, expected sums and products"
+    ):
         column_loops.columns_text("f", step, layout, str)
     step.function = ca.Function("f", [x], [x[0] * x[1] - x[1]], ["x"], ["y"])
     text, operations, depth = column_loops.columns_text("f", step, layout, str)

@@ -28,13 +28,19 @@ def unpacked(settings: dict) -> list[str]:
         folder = ROOT / package.replace(".", "/")
         patterns = ["*.py", *tools["package-data"].get(package, ())]
         files = [path for path in folder.iterdir() if path.is_file()]
-        left += [f"{package}: {file.name}" for file in files if not any(fnmatch(file.name, p) for p in patterns)]
+        left += [
+            f"{package}: {file.name}"
+            for file in files
+            if not any(fnmatch(file.name, p) for p in patterns)
+        ]
     return left
 
 
 def test_name_and_version():
     project = SETTINGS["project"]
-    assert project["name"] == "flexgen-robotics" and project["scripts"] == {"flexgen": "flexgen.cli.main:main"}
+    assert project["name"] == "flexgen-robotics" and project["scripts"] == {
+        "flexgen": "flexgen.cli.main:main"
+    }
     assert "version" not in project and SETTINGS["tool"]["setuptools"]["dynamic"] == {
         "version": {"attr": "flexgen.version.__version__"}
     }
@@ -48,7 +54,14 @@ def test_every_file_of_the_packages_is_in_the_wheel():
 
 def test_a_file_without_a_pattern_is_seen():
     data = SETTINGS["tool"]["setuptools"]["package-data"]
-    settings = {"tool": {"setuptools": {**SETTINGS["tool"]["setuptools"], "package-data": {**data, "flexgen": []}}}}
+    settings = {
+        "tool": {
+            "setuptools": {
+                **SETTINGS["tool"]["setuptools"],
+                "package-data": {**data, "flexgen": []},
+            }
+        }
+    }
     assert sorted(unpacked(settings)) == ["flexgen: __init__.pyi", "flexgen: py.typed"]
 
 
@@ -74,13 +87,21 @@ def test_extras_are_those_of_the_makefile():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert set(re.findall(r"'\.\[(\w+)\]'", makefile)) == {"test", "docs", "lint", "compiler"}
     for heavy in ("mujoco", "pin", "dask", "pyarrow", "pytest", "ruff", "mypy"):
-        assert not any(re.match(rf"{heavy}\b", word) for word in SETTINGS["project"]["dependencies"])
+        assert not any(
+            re.match(rf"{heavy}\b", word) for word in SETTINGS["project"]["dependencies"]
+        )
 
 
 def test_every_example_is_in_the_sdist_and_the_wheel():
     data = SETTINGS["tool"]["setuptools"]["data-files"]
-    taken = {path for patterns in data.values() for pattern in patterns for path in ROOT.glob(pattern)}
-    there = {path for path in (ROOT / "examples").rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    taken = {
+        path for patterns in data.values() for pattern in patterns for path in ROOT.glob(pattern)
+    }
+    there = {
+        path
+        for path in (ROOT / "examples").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
     assert sorted(path.relative_to(ROOT).as_posix() for path in there ^ taken) == []
     for folder, patterns in data.items():  # an example stays in its folder
         assert {f"share/flexgen/{pattern.rpartition('/')[0]}" for pattern in patterns} == {folder}
@@ -89,10 +110,14 @@ def test_every_example_is_in_the_sdist_and_the_wheel():
 def test_the_container_copies_what_the_wheel_needs():
     """The image is not built here: every file that it copies exists, and its parts are named as in the Makefile."""
     text = (ROOT / ".devcontainer" / "Dockerfile").read_text(encoding="utf-8")
-    copied = {word for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) for word in line.split()}
+    copied = {
+        word for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) for word in line.split()
+    }
     assert all((ROOT / name).exists() for name in copied)
     assert {"pyproject.toml", "README.md", "LICENSE", "flexgen", "models", "examples"} <= copied
-    settings = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text(encoding="utf-8"))
+    settings = json.loads(
+        (ROOT / ".devcontainer" / "devcontainer.json").read_text(encoding="utf-8")
+    )
     assert settings["build"]["target"] in re.findall(r"^FROM \S+ AS (\w+)$", text, re.MULTILINE)
     (target,) = re.findall(r"^make ([\w-]+)$", settings["postCreateCommand"])
     assert f"\n{target}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -101,8 +126,12 @@ def test_the_container_copies_what_the_wheel_needs():
 def test_help_lists_every_target():
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     (targets,) = re.findall(r"^\.PHONY:(.*)$", text, re.MULTILINE)
-    out = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    assert sorted(line.split()[1] for line in out.splitlines() if line.startswith("make ")) == sorted(targets.split())
+    out = subprocess.run(
+        ["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert sorted(
+        line.split()[1] for line in out.splitlines() if line.startswith("make ")
+    ) == sorted(targets.split())
 
 
 def test_the_recipe_of_the_conda_package_is_that_of_the_sdist(tmp_path):
@@ -115,7 +144,10 @@ def test_the_recipe_of_the_conda_package_is_that_of_the_sdist(tmp_path):
     archive.write_bytes(b"sources")
     recipe = json.loads(script.write(tmp_path).read_text(encoding="utf-8"))
     assert recipe["package"] == {"name": "flexgen-robotics", "version": flexgen.__version__}
-    assert recipe["source"] == {"path": archive.name, "sha256": hashlib.sha256(b"sources").hexdigest()}
+    assert recipe["source"] == {
+        "path": archive.name,
+        "sha256": hashlib.sha256(b"sources").hexdigest(),
+    }
     python, *run = map(Requirement, recipe["requirements"]["run"])
     assert f"{python.name}{python.specifier}" == f"python{SETTINGS['project']['requires-python']}"
     assert run == list(map(Requirement, SETTINGS["project"]["dependencies"]))

@@ -13,7 +13,9 @@ NAMES = ("mass_matrix", "mass_matrix_packed")
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "parameters"), [("planar5_nmp", ()), ("elbow", ("payload",)), ("manutec_r3", ())])
+@pytest.mark.parametrize(
+    ("name", "parameters"), [("planar5_nmp", ()), ("elbow", ("payload",)), ("manutec_r3", ())]
+)
 def test_it_is_the_lower_triangle_by_columns(name, parameters, tmp_path):
     model = flexgen.read(name)
     made = flexgen.generate(model, tmp_path, functions=NAMES, parameters=parameters)

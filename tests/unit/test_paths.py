@@ -28,7 +28,9 @@ def test_time_law_is_smooth_and_at_rest_at_both_ends(smoothness: int) -> None:
     assert not ends[:, 1:].any()
     # continuous derivatives: the value just inside is as small as the distance allows
     near = np.abs(law(np.array([1e-4, 0.5 - 1e-4]))[:, 1 : min(smoothness, 5) + 1])
-    assert (near < 1e-2 * np.abs(law(np.linspace(0, 0.5, 99))).max(axis=0)[1 : min(smoothness, 5) + 1]).all()
+    assert (
+        near < 1e-2 * np.abs(law(np.linspace(0, 0.5, 99))).max(axis=0)[1 : min(smoothness, 5) + 1]
+    ).all()
     middle = law(np.array([0.25]))[0]
     assert abs(middle[0] - 0.5) < 1e-15 and abs(middle[2]) < 1e-9
 
@@ -36,7 +38,9 @@ def test_time_law_is_smooth_and_at_rest_at_both_ends(smoothness: int) -> None:
 def test_time_law_matches_the_quintic_of_the_textbooks() -> None:
     u = np.linspace(0, 1, 11)
     # the textbook's sum itself loses as many units as its coefficients add up to: 31 eps
-    assert np.abs(TimeLaw(1.0, 2)(u)[:, 0] - (10 * u**3 - 15 * u**4 + 6 * u**5)).max() < 31 * 2.3e-16
+    assert (
+        np.abs(TimeLaw(1.0, 2)(u)[:, 0] - (10 * u**3 - 15 * u**4 + 6 * u**5)).max() < 31 * 2.3e-16
+    )
 
 
 def test_time_law_derivatives() -> None:
@@ -96,7 +100,9 @@ def test_tool_line_with_rotation_turns_about_its_axis() -> None:
     equations = flexgen.derive("manutec_r3")
     start = equations.model.move("line").start
     turn = (0.0, 0.0, 0.7)
-    path = Path(equations, Move("turn", "tool_line", start, 1.0, 5, displacement=(0.1, 0, 0), rotation=turn))
+    path = Path(
+        equations, Move("turn", "tool_line", start, 1.0, 5, displacement=(0.1, 0, 0), rotation=turn)
+    )
     sample = path.sample(np.array([0.0, 1.0]))
     assert sample.R is not None
     c, s = np.cos(0.7), np.sin(0.7)
@@ -121,13 +127,23 @@ def test_paths_and_planned_moves_are_pickled(tmp_path: FilePath) -> None:
     legs = (MoveL((-0.1, 0.0, 0.0), zone=0.03), MoveC((0.0, 0.1, 0.0), via=(0.03, 0.05, 0.0)))
     swing = MoveJ((0.6, -1.4), zone=0.05), MoveJ((0.5, -1.0))
     file = tmp_path / "joints.csv"
-    file.write_text("q1,q2\n" + "".join(f"{0.3 + 0.02 * k},{-1.1 + 0.01 * k**2}\n" for k in range(9)))
+    file.write_text(
+        "q1,q2\n" + "".join(f"{0.3 + 0.02 * k},{-1.1 + 0.01 * k**2}\n" for k in range(9))
+    )
     moves = [
         *arm.model.moves,
         Move("track", "sampled", (), 1.0, 5, file=str(file)),
         Move("corner", "tool_polyline", (0.3, -1.1), 0.5, 6, legs=legs),
-        Program("swing", start=(0.3, -1.1), steps=(*swing, *legs), profile=(0.5, 5.0, 90.0), joint_profile=(2.0, 9.0)),
-        Program("smooth", start=(0.3, -1.1), steps=swing, joint_profile=(2.0, 10.0, 200.0), smoothness=4),
+        Program(
+            "swing",
+            start=(0.3, -1.1),
+            steps=(*swing, *legs),
+            profile=(0.5, 5.0, 90.0),
+            joint_profile=(2.0, 9.0),
+        ),
+        Program(
+            "smooth", start=(0.3, -1.1), steps=swing, joint_profile=(2.0, 10.0, 200.0), smoothness=4
+        ),
     ]
     for move in moves:
         path = Path(arm, move)
@@ -165,7 +181,10 @@ def test_a_planned_move_plans_the_same_path_again(kind: str) -> None:
     equations = flexgen.derive("planar5_nmp")
     path = Path(equations, AGAIN[kind])
     again = Path(equations, path.move)
-    assert again.duration == path.duration == path.move.duration and again.smoothness == path.smoothness
+    assert (
+        again.duration == path.duration == path.move.duration
+        and again.smoothness == path.smoothness
+    )
     t = np.linspace(0.0, path.duration, 50)
     assert np.array_equal(again.sample(t).y, path.sample(t).y)
 
@@ -173,17 +192,42 @@ def test_a_planned_move_plans_the_same_path_again(kind: str) -> None:
 @pytest.mark.parametrize(
     ("move", "words"),
     [
-        (Move("up", "tool_line", (0.3, -1.1), 0.5, 5, displacement=(0.1, 0.0, 0.05)), "with 0.05 m along z"),
         (
-            Move("arc", "tool_circle", (0.3, -1.1), 0.5, 5, center=(0.1, 0, 0), axis=(0, 1, 1), angle=0.3),
+            Move("up", "tool_line", (0.3, -1.1), 0.5, 5, displacement=(0.1, 0.0, 0.05)),
+            "with 0.05 m along z",
+        ),
+        (
+            Move(
+                "arc",
+                "tool_circle",
+                (0.3, -1.1),
+                0.5,
+                5,
+                center=(0.1, 0, 0),
+                axis=(0, 1, 1),
+                angle=0.3,
+            ),
             r"axis with 0\.0\d+ m along z",
         ),
         (
-            Program(name="seam", start=(0.3, -1.1), steps=(MoveL((0.0, 0.05, 0.1)),), profile=(1.0, 10.0, 100.0)),
+            Program(
+                name="seam",
+                start=(0.3, -1.1),
+                steps=(MoveL((0.0, 0.05, 0.1)),),
+                profile=(1.0, 10.0, 100.0),
+            ),
             "with 0.1 m along z",
         ),
         (
-            Move("turn", "tool_line", (0.3, -1.1), 0.5, 5, displacement=(0.1, 0, 0), rotation=(0, 0, 0.3)),
+            Move(
+                "turn",
+                "tool_line",
+                (0.3, -1.1),
+                0.5,
+                5,
+                displacement=(0.1, 0, 0),
+                rotation=(0, 0, 0.3),
+            ),
             "expected no rotation, because the output is the position of the tool",
         ),
     ],
@@ -198,9 +242,18 @@ def test_a_file_with_motion_that_is_not_an_output_is_refused(tmp_path: FilePath)
     file = tmp_path / "path.csv"
     t = np.linspace(0.0, 0.5, 41)
     s = 10 * (t / 0.5) ** 3 - 15 * (t / 0.5) ** 4 + 6 * (t / 0.5) ** 5
-    x, y, _ = flexgen.derive("planar5_nmp").function("forward_kinematics")([0.3, -1.1, 0.0])[0].full().ravel().tolist()
+    x, y, _ = (
+        flexgen.derive("planar5_nmp")
+        .function("forward_kinematics")([0.3, -1.1, 0.0])[0]
+        .full()
+        .ravel()
+        .tolist()
+    )
     for height, fine in ((0.0, True), (0.05, False)):
-        rows = [f"{a!r},{x - 0.1 * b!r},{y!r},{height * b!r}" for a, b in zip(t.tolist(), s.tolist(), strict=True)]
+        rows = [
+            f"{a!r},{x - 0.1 * b!r},{y!r},{height * b!r}"
+            for a, b in zip(t.tolist(), s.tolist(), strict=True)
+        ]
         file.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
         move = Move("file", "sampled", (0.3, -1.1), 0.0, 0, file=str(file))
         if fine:
@@ -212,16 +265,24 @@ def test_a_file_with_motion_that_is_not_an_output_is_refused(tmp_path: FilePath)
 
 def test_sections_of_a_blended_curve_follow_each_other() -> None:
     """Lines and corners of three zones: one begins where the other ends, from 0 to the sum of the lengths."""
-    lines = [Line(np.array(x), np.zeros(3), largest=True) for x in ([1.0, 0.0], [0.5, 2.0], [-3.0, 0.0], [0.0, 1.0])]
+    lines = [
+        Line(np.array(x), np.zeros(3), largest=True)
+        for x in ([1.0, 0.0], [0.5, 2.0], [-3.0, 0.0], [0.0, 1.0])
+    ]
     zones = [0.3, 0.1, 0.2]
     found = BlendedCurve(np.zeros(2), None, lines, zones).sections
     sizes = [2 * zones[x.segment] if x.corner else x.length for x in found]
-    assert [x.start for x in found] == pytest.approx([0.0, *np.cumsum(sizes)[:-1]]) and sum(sizes) == pytest.approx(7.0)
+    assert [x.start for x in found] == pytest.approx([0.0, *np.cumsum(sizes)[:-1]]) and sum(
+        sizes
+    ) == pytest.approx(7.0)
 
 
 def test_a_joint_move_has_the_bounds_of_the_joint_that_moves_furthest() -> None:
     arm = flexgen.derive("planar5_nmp")
     ends = {"one": (0.5, -1.1), "both": (0.5, -0.9)}
-    moves = [Move(name, "joint", (0.3, -1.1), 0.0, 0, end=end, profile=(0.5, 5.0, 100.0)) for name, end in ends.items()]
+    moves = [
+        Move(name, "joint", (0.3, -1.1), 0.0, 0, end=end, profile=(0.5, 5.0, 100.0))
+        for name, end in ends.items()
+    ]
     one, both = (Path(arm, move).duration for move in moves)
     assert both == pytest.approx(one, rel=1e-9)

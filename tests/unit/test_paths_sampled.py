@@ -31,7 +31,11 @@ def robot():
 
 def write(path: FilePath, columns: dict[str, np.ndarray]) -> str:
     rows = np.stack(list(columns.values()), axis=1)
-    text = ",".join(columns) + "\n" + "".join(",".join(f"{x:.17g}" for x in row) + "\n" for row in rows)
+    text = (
+        ",".join(columns)
+        + "\n"
+        + "".join(",".join(f"{x:.17g}" for x in row) + "\n" for row in rows)
+    )
     path.write_text(text)
     return str(path)
 
@@ -85,7 +89,10 @@ def test_derivatives_of_splines(robot, tmp_path: FilePath, degree: int) -> None:
     p = start.reference.tool_pose(move.start)[0]
     columns = columns | {k: columns[k] - columns[k][0] + p[i] for i, k in enumerate("xyz")}
     with pytest.raises(flexgen.SolverError, match="inverse kinematics"):  # out of reach
-        Path(robot, replace(move, file=write(tmp_path / "far.csv", columns | {"x": columns["x"] + 9.0})))
+        Path(
+            robot,
+            replace(move, file=write(tmp_path / "far.csv", columns | {"x": columns["x"] + 9.0})),
+        )
     q = quaternion(start.reference.tool_pose(move.start)[1])
     turned = {name: np.full(25, q[i]) for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     turned["qx"] = turned["qx"] + 0.1 * np.sin(u) ** 2
@@ -93,7 +100,11 @@ def test_derivatives_of_splines(robot, tmp_path: FilePath, degree: int) -> None:
     turned = {name: v / norm for name, v in turned.items()}
     file = write(tmp_path / "wave.csv", {k: columns[k] for k in "xyz"} | turned)
     path = Path(robot, replace(move, file=file))
-    t = np.linspace(0.3, 0.302, 2001) if degree < 9 else np.linspace(0.05, 0.95, 6001) * path.duration
+    t = (
+        np.linspace(0.3, 0.302, 2001)
+        if degree < 9
+        else np.linspace(0.05, 0.95, 6001) * path.duration
+    )
     sample = path.sample(t)
     assert derivatives_agree(t, sample.y) < DIFFERENCE
     assert derivatives_agree(t, sample.w) < DIFFERENCE
@@ -138,7 +149,9 @@ def test_outputs_from_files(tmp_path: FilePath) -> None:
 
 def test_a_tool_that_only_turns(robot, tmp_path: FilePath) -> None:
     start = robot.model.move("line").start
-    turn = Path(robot, Move("turn", "tool_line", start, 1.0, 5, (0.0, 0.0, 0.0), rotation=(0.0, 0.5, 0.0)))
+    turn = Path(
+        robot, Move("turn", "tool_line", start, 1.0, 5, (0.0, 0.0, 0.0), rotation=(0.0, 0.5, 0.0))
+    )
     file = write(tmp_path / "turn.csv", tool_columns(turn, np.linspace(0.2, 0.8, 30)))
     path = Path(robot, Move("again", "sampled", start, 1.0, 5, file=file))
     w = np.linalg.norm(path.sample(np.linspace(0.1, 0.9, 101)).w[:, :, 0], axis=1)
@@ -151,20 +164,28 @@ def test_a_path_that_turns_back_is_refused(arm, tmp_path: FilePath) -> None:
     u = np.linspace(0, 2, 41)
     columns = {"x": p[0] - 0.1 * (1 - np.abs(u - 1)), "y": p[1] + 0 * u, "z": 0 * u}
     with pytest.raises(ArgumentError, match="stops or reverses near sample 2"):
-        Path(arm, Move("back", "sampled", START, 1.0, 5, file=write(tmp_path / "back.csv", columns)))
+        Path(
+            arm, Move("back", "sampled", START, 1.0, 5, file=write(tmp_path / "back.csv", columns))
+        )
 
 
-def test_an_error_in_the_spline_would_be_seen(arm, tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_in_the_spline_would_be_seen(
+    arm, tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import flexgen.paths.spline as spline
 
     p = Path(arm, arm.model.move("line")).reference.tool_pose(START)[0]
     u = np.linspace(0, 1, 20)
     columns = {"x": p[0] - 0.1 * u, "y": p[1] + 0.05 * np.sin(2 * u), "z": 0 * u}
-    path = Path(arm, Move("arc", "sampled", START, 1.0, 6, file=write(tmp_path / "arc.csv", columns)))
+    path = Path(
+        arm, Move("arc", "sampled", START, 1.0, 6, file=write(tmp_path / "arc.csv", columns))
+    )
     t = np.linspace(0.2, 0.8, 6001)
     assert derivatives_agree(t, path.sample(t).y) < DIFFERENCE
     right = spline.inverse_function
-    monkeypatch.setattr(spline, "inverse_function", lambda u, slope: right(u, slope * np.array([1, 1, 1, 1, 1.01])))
+    monkeypatch.setattr(
+        spline, "inverse_function", lambda u, slope: right(u, slope * np.array([1, 1, 1, 1, 1.01]))
+    )
     assert derivatives_agree(t, path.sample(t).y) > DIFFERENCE
 
 
@@ -179,12 +200,21 @@ BAD_FILES = {
     "huge": (HEAD + ROWS + "1.2,0,1e300,0\n", r":14:y: given .1e300., expected a number"),
     "too few values": (HEAD + ROWS + "1.2,0\n", r":14:row: given 2 values, expected 4"),
     "too many values": (HEAD + ROWS + "1.2,0,0,0,0\n", r":14:row: given 5 values, expected 4"),
-    "time falls": (HEAD + ROWS + "0.5,0,0,0\n", r":14:t: given 0\.5 after 1\.1, expected increasing"),
-    "time stands": (HEAD + ROWS + "1.1,0,0,0\n", r":14:t: given 1\.1 after 1\.1, expected increasing"),
+    "time falls": (
+        HEAD + ROWS + "0.5,0,0,0\n",
+        r":14:t: given 0\.5 after 1\.1, expected increasing",
+    ),
+    "time stands": (
+        HEAD + ROWS + "1.1,0,0,0\n",
+        r":14:t: given 1\.1 after 1\.1, expected increasing",
+    ),
     "comment and blank lines": ("# c\n\n" + HEAD + ROWS + "x,0,0,0\n", r':16:t: given "x"'),
     "twice": ("t,x,x,z\n" + ROWS, r":1:x: given an empty or repeated column name"),
     "no name": ("t,x,,z\n" + ROWS, r":1:column 3: given an empty or repeated column name"),
-    "unknown": ("t,x,y,z,color\n" + ROWS.replace("\n", ",1\n"), r":1:color: given an unknown column"),
+    "unknown": (
+        "t,x,y,z,color\n" + ROWS.replace("\n", ",1\n"),
+        r":1:color: given an unknown column",
+    ),
     "missing z": (
         "t,x,y\n" + ROWS.replace(",0.0\n", "\n"),
         r":1:z: given a file without this column, expected the columns x, y, z",
@@ -194,7 +224,10 @@ BAD_FILES = {
         "t,x,y,z,rx,ry,rz\n" + ROWS.replace("\n", ",0,0,0\n"),
         r":1:file: given an orientation, expected none",
     ),
-    "outputs": ("t,y1,y2\n" + ROWS.replace(",0.0\n", "\n"), r":1:y1: given outputs, expected tool positions"),
+    "outputs": (
+        "t,y1,y2\n" + ROWS.replace(",0.0\n", "\n"),
+        r":1:y1: given outputs, expected tool positions",
+    ),
     "half the joints": ("t,q1\n" + "0,0\n1,1\n", r":1:q2: given a file without this column"),
 }
 
@@ -212,8 +245,12 @@ def test_bad_orientations_are_reported(robot, tmp_path: FilePath) -> None:
     head, row = "x,y,z,qw,qx,qy,qz\n", "{0},0,0,1,0,0,0\n"
     rows = "".join(row.format(k) for k in range(9))
     cases = {
-        head + rows + "9,0,0,2,0,0,0\n": r":11:qw: given a quaternion of length 2, expected length 1",
-        head + rows + "9,0,0,0,1,0,0\n": r":11:row: given a rotation by 180 deg, expected at most 90",
+        head
+        + rows
+        + "9,0,0,2,0,0,0\n": r":11:qw: given a quaternion of length 2, expected length 1",
+        head
+        + rows
+        + "9,0,0,0,1,0,0\n": r":11:row: given a rotation by 180 deg, expected at most 90",
         head + rows + "8,0,0,1,0,0,0\n": r":11:row: given the same values as in the row before",
         "x,y,z,qw,qx,qy\n" + "0,0,0,1,0,0\n" * 9: r":1:qz: given a file without this column",
     }
@@ -227,10 +264,16 @@ def test_bad_orientations_are_reported(robot, tmp_path: FilePath) -> None:
 def test_bad_arrays_are_reported(arm, tmp_path: FilePath) -> None:
     p, t = np.random.default_rng(0).normal(size=(9, 3)), np.arange(9.0)
     cases: list[tuple[dict, str]] = [
-        ({"p": p[:, :2], "t": t}, r": p: given an array of shape \(9, 2\), expected shape \(n, 3\)"),
+        (
+            {"p": p[:, :2], "t": t},
+            r": p: given an array of shape \(9, 2\), expected shape \(n, 3\)",
+        ),
         ({"p": p, "t": t[:5]}, r": file: given arrays of \[5, 9\] rows"),
         ({"p": p, "time": t}, r": time: given an unknown array, expected"),
-        ({"p": np.where(p > 1, np.inf, p), "t": t}, r":p: given a number that is not finite or too large"),
+        (
+            {"p": np.where(p > 1, np.inf, p), "t": t},
+            r":p: given a number that is not finite or too large",
+        ),
         ({"p": p.astype(str), "t": t}, r": p: given an array of"),
         ({"t": t}, r":1:x: given a file without this column"),
     ]
@@ -262,6 +305,8 @@ def test_files_that_do_not_fit_the_move(arm, tmp_path: FilePath) -> None:
             Path(arm, replace(move, **changes))
     with pytest.raises(ModelError, match="given 6 samples, expected more than 7"):
         Path(arm, replace(move, file=str(plain), smoothness=5, duration=1.0))
-    with pytest.raises(ArgumentError, match=r"given duration 0\.0, expected a duration and smoothness"):
+    with pytest.raises(
+        ArgumentError, match=r"given duration 0\.0, expected a duration and smoothness"
+    ):
         Path(arm, replace(move, file=str(plain)))
     assert MoveL.space == "tool"

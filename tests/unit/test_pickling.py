@@ -43,21 +43,30 @@ def results(equations: Equations, name: str) -> list[np.ndarray]:
     """Results of a function at a fixed random state, parameters at 1.1 times the values of the file."""
     function, rng = equations.function(name), np.random.default_rng(0)
     numbers = 1.1 * np.array([parameter.value for parameter in equations.parameters])
-    given = {port: rng.normal(size=function.numel_in(port)) for port in function.name_in()} | {"parameters": numbers}
+    given = {port: rng.normal(size=function.numel_in(port)) for port in function.name_in()} | {
+        "parameters": numbers
+    }
     return [np.array(x) for x in function.call([given[port] for port in function.name_in()])]
 
 
 def test_errors_keep_text_and_fields():
     errors: list[Any] = [ModelError("arm.toml", 3, "motor.m1.ratio", "'x'", "a number")]
-    errors += [ArgumentError("move: given 1"), LimitsInfeasibleError("not kept", 0.3), ChannelError("no channel")]
+    errors += [
+        ArgumentError("move: given 1"),
+        LimitsInfeasibleError("not kept", 0.3),
+        ChannelError("no channel"),
+    ]
     for error in errors:
         other = copied(error)
-        assert type(other) is type(error) and str(other) == str(error) and vars(other) == vars(error)
+        assert (
+            type(other) is type(error) and str(other) == str(error) and vars(other) == vars(error)
+        )
     assert copied(errors[0]).line == 3 and copied(errors[2]).excess == 0.3
 
 
 @pytest.mark.parametrize(
-    ("model", "parameters"), [("elbow", ()), ("planar5_nmp", ("payload", "stiffness")), ("beam_arm", ())]
+    ("model", "parameters"),
+    [("elbow", ()), ("planar5_nmp", ("payload", "stiffness")), ("beam_arm", ())],
 )
 def test_equations(model: str, parameters: tuple[str, ...]) -> None:
     equations = derive(model, parameters)
@@ -84,7 +93,8 @@ def test_analysis_along_a_path(model: str) -> None:
     assert found.zero_path is not None and found.solvability_path is not None
     assert same(found, back) and found.to_dict() == back.to_dict()
     assert same(
-        path.sample(np.linspace(0.0, path.duration, 7)), copied(path).sample(np.linspace(0.0, path.duration, 7))
+        path.sample(np.linspace(0.0, path.duration, 7)),
+        copied(path).sample(np.linspace(0.0, path.duration, 7)),
     )
 
 
@@ -100,7 +110,9 @@ def test_solution() -> None:
     assert same(solution, copied(solution))
 
 
-@pytest.mark.parametrize("model", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "model", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.slow)]
+)
 def test_verified_solution_and_its_simulation(model: str) -> None:
     solution = flexgen.solve(model, mesh=0.01)
     assert solution.simulation is not None
@@ -117,7 +129,9 @@ def test_verified_solution_and_its_simulation(model: str) -> None:
         flexgen.MoveC(displacement=(0.2, 0.0, 0.0), via=(0.1, 0.1, 0.0)),
         flexgen.Move("turn", "joint", (0.0, 0.0), 1.0, 5, end=(1.0, 0.5)),
         flexgen.Limits(torque=(1.0, 2.0), deflection=(1e-3,)),
-        flexgen.Grid(["elbow"], flexgen.random_moves(3), ["closed-form"], options={"verify": False}),
+        flexgen.Grid(
+            ["elbow"], flexgen.random_moves(3), ["closed-form"], options={"verify": False}
+        ),
         *flexgen.Status,
     ],
     ids=lambda noun: type(noun).__name__,
@@ -128,19 +142,31 @@ def test_public_result_classes_survive_pickling(noun: Any) -> None:
 
 def test_program() -> None:
     steps = (flexgen.MoveJ((0.5, -1.0)), flexgen.MoveL(displacement=(0.1, 0.0, 0.0)))
-    program = flexgen.Program("both", start=(0.3, -1.1), profile=(0.5, 5.0), joint_profile=(1.0, 10.0), steps=steps)
+    program = flexgen.Program(
+        "both", start=(0.3, -1.1), profile=(0.5, 5.0), joint_profile=(1.0, 10.0), steps=steps
+    )
     assert same(program, copied(program)) and copied(program) == program
 
 
 @pytest.mark.slow
 def test_tables_of_a_sweep() -> None:
-    grid = flexgen.Grid(["elbow"], flexgen.random_moves(3), ["closed-form"], options={"verify": False})
+    grid = flexgen.Grid(
+        ["elbow"], flexgen.random_moves(3), ["closed-form"], options={"verify": False}
+    )
     found = flexgen.sweep(grid, workers=0)
     back = copied(found)
-    assert same(found, back) and back.results.digest == found.results.digest and copied(grid).digest == grid.digest
+    assert (
+        same(found, back)
+        and back.results.digest == found.results.digest
+        and copied(grid).digest == grid.digest
+    )
 
 
 def test_planted_differences_are_seen() -> None:
     rest = hold_joints(derive("elbow"), np.array(read("elbow").home))
     other = dataclasses.replace(rest, tau_m=np.nextafter(rest.tau_m, np.inf))
-    assert not same(rest, other) and not same([rest], [rest, rest]) and not same({"a": 1.0}, {"b": 1.0})
+    assert (
+        not same(rest, other)
+        and not same([rest], [rest, rest])
+        and not same({"a": 1.0}, {"b": 1.0})
+    )

@@ -26,17 +26,25 @@ URDF = f"{ROOT / 'tests/support/urdf/two_link.urdf'}#ground:tip"
 @pytest.mark.parametrize("overrides", [[1], "payload.mass=2", 3, [("payload.mass", 2)]])
 def test_overrides_are_a_mapping(overrides):
     for read in (flexgen.read, flexgen.describe):
-        with pytest.raises(ArgumentError, match=r"overrides: given .*, expected a mapping of dotted paths to values"):
+        with pytest.raises(
+            ArgumentError,
+            match=r"overrides: given .*, expected a mapping of dotted paths to values",
+        ):
             read("elbow", overrides=overrides)
 
 
 def test_a_path_is_not_the_name_of_a_move():
-    with pytest.raises(ArgumentError, match=r"path: given 'line', expected a flexgen\.Path, such as flexgen\.plan\("):
+    with pytest.raises(
+        ArgumentError,
+        match=r"path: given 'line', expected a flexgen\.Path, such as flexgen\.plan\(",
+    ):
         flexgen.analyze("elbow", path="line")
 
 
 def test_a_model_without_moves_says_how_to_get_some(tmp_path, capsys):
-    expected = r"has no moves; write \[\[move\]\] tables into a TOML file and give it with --moves FILE"
+    expected = (
+        r"has no moves; write \[\[move\]\] tables into a TOML file and give it with --moves FILE"
+    )
     for verb in (flexgen.solve, flexgen.plan):
         with pytest.raises(ArgumentError, match=expected):
             verb(URDF)
@@ -54,7 +62,8 @@ def test_a_model_without_moves_says_how_to_get_some(tmp_path, capsys):
 def test_a_compiler_that_does_nothing_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "true")
     with pytest.raises(
-        BuildError, match=r"C compiler: given 'true', which does not preprocess C, .* change CC or unset"
+        BuildError,
+        match=r"C compiler: given 'true', which does not preprocess C, .* change CC or unset",
     ):
         flexgen.generate("elbow", tmp_path / "out", functions=["gravity"])
     assert not (tmp_path / "out").exists()
@@ -68,7 +77,9 @@ def test_a_compiler_that_writes_no_object_is_refused(tmp_path, monkeypatch):
     )
     wrapper.chmod(0o755)
     monkeypatch.setenv("CC", str(wrapper))
-    with pytest.raises(BuildError, match=r"reported success but wrote no \S+\.o; the directory is as it was before"):
+    with pytest.raises(
+        BuildError, match=r"reported success but wrote no \S+\.o; the directory is as it was before"
+    ):
         flexgen.generate("elbow", tmp_path / "out", functions=["gravity"], force=True)
     assert not (tmp_path / "out").exists()
 
@@ -90,15 +101,26 @@ def test_names_of_the_c_library_are_fine_names_of_joints(tmp_path, name):
 def test_such_names_make_the_same_library(tmp_path):
     """Joints and motors that are called like keywords of C and functions of libm: they are never identifiers."""
     text = Path(flexgen.read("elbow").file).read_text()
-    names = {"q1": "j1", "q2": "y0", "m1": "double", "m2": "main", "upper": "printf", "fore": "NULL"}
+    names = {
+        "q1": "j1",
+        "q2": "y0",
+        "m1": "double",
+        "m2": "main",
+        "upper": "printf",
+        "fore": "NULL",
+    }
     for old, new in names.items():
         text = text.replace(f'"{old}"', f'"{new}"')
     text = text[: text.index("[variant.fjm]")]
     (tmp_path / "elbow.toml").write_text(text)
-    made = flexgen.generate(tmp_path / "elbow.toml", tmp_path / "out", functions=["gravity", "linearize"])
+    made = flexgen.generate(
+        tmp_path / "elbow.toml", tmp_path / "out", functions=["gravity", "linearize"]
+    )
     library = flexgen.load(made.directory)
     assert library.coordinates == ("j1", "y0") and library.motors == ("double", "main")
-    usual = flexgen.load(flexgen.generate("elbow", tmp_path / "usual", functions=["gravity", "linearize"]).directory)
+    usual = flexgen.load(
+        flexgen.generate("elbow", tmp_path / "usual", functions=["gravity", "linearize"]).directory
+    )
     q = np.array([0.3, -0.7])
     assert np.array_equal(library.gravity(q), usual.gravity(q))
 
@@ -106,7 +128,9 @@ def test_such_names_make_the_same_library(tmp_path):
 def test_reserved_words_of_c_are_refused_as_names_of_robots(tmp_path):
     path = tmp_path / "model.toml"
     path.write_text(GOOD.replace('"robot"', '"double"'))
-    with pytest.raises(ModelError, match='name: given "double", expected a name that is not reserved by C'):
+    with pytest.raises(
+        ModelError, match='name: given "double", expected a name that is not reserved by C'
+    ):
         flexgen.read(path)
 
 

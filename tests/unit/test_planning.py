@@ -65,13 +65,24 @@ def test_double_integrator_with_least_energy(tmp_path, scheme):
     assert found.details["cost"] == pytest.approx(12 * INERTIA**2 * way**2 / T**3, rel=1e-9)
     assert found.plan_error_max < 1e-9
     t, channels = found.trajectory.time, found.trajectory
-    assert t[0] == 0.0 and t[-1] == found.move.duration == T and found.intervals == 4 and len(t) == 4 * 10 + 1
+    assert (
+        t[0] == 0.0
+        and t[-1] == found.move.duration == T
+        and found.intervals == 4
+        and len(t) == 4 * 10 + 1
+    )
     s = t / T
     motion = (way * (3 * s**2 - 2 * s**3), 6 * way / T * (s - s**2), 6 * way / T**2 * (1 - 2 * s))
     for name, law in zip(("q_a", "v_a", "a_a"), motion, strict=True):
-        assert np.abs(channels[name][:, 0] - channels[name][0, 0] * (name == "q_a") - law).max() < 1e-7
+        assert (
+            np.abs(channels[name][:, 0] - channels[name][0, 0] * (name == "q_a") - law).max() < 1e-7
+        )
     assert found.residual_max_Nm < 1e-7 and found.residual_relative < 1e-7 and not found.warnings
-    assert (found.cpu_s > 0 and found.wall_s > 0) and found.method == "plan" and found.preactuation_s == 0.0
+    assert (
+        (found.cpu_s > 0 and found.wall_s > 0)
+        and found.method == "plan"
+        and found.preactuation_s == 0.0
+    )
 
 
 def test_least_time_of_two_masses_is_the_closed_form():
@@ -95,18 +106,26 @@ def test_phases_find_the_switches_of_two_masses(monkeypatch):
     assert (found.wall_s, found.cpu_s) == (2.5, 1.25)
     durations = np.array(found.details["durations_s"])
     assert found.status == Status.SOLVED
-    assert durations.sum() == pytest.approx(TWO_MASS_TIME, abs=1e-6)  # the digits of the closed form
+    # the digits of the closed form
+    assert durations.sum() == pytest.approx(TWO_MASS_TIME, abs=1e-6)
     w, T = np.sqrt(50.0 * (1 / 0.005 + 1 / 0.042)), durations.sum()
     a = durations[1]  # half the distance of the outer switches
     assert durations[2] == pytest.approx(a, rel=1e-6)
     assert 1 + np.cos(w * T / 2) - 2 * np.cos(w * a) == pytest.approx(0.0, abs=1e-5)
     assert 10.0 / 0.047 * (T**2 / 4 - 2 * a**2) == pytest.approx(0.5, rel=1e-6)
     t = found.trajectory.time
-    assert t[-1] == pytest.approx(T, rel=1e-12) and found.move.duration == t[-1] and found.intervals == 4 * 6
+    assert (
+        t[-1] == pytest.approx(T, rel=1e-12)
+        and found.move.duration == t[-1]
+        and found.intervals == 4 * 6
+    )
     switches = np.cumsum(durations)[:3]
     for k, (low, high) in enumerate(zip([0.0, *switches], [*switches, T], strict=True)):
         inside = (t > low + 1e-9) & (t < high - 1e-9)
-        assert inside.any() and np.abs(found.trajectory["tau_m"][inside, 0] - 10.0 * (-1) ** k).max() < 1e-6
+        assert (
+            inside.any()
+            and np.abs(found.trajectory["tau_m"][inside, 0] - 10.0 * (-1) ** k).max() < 1e-6
+        )
 
 
 @pytest.mark.slow
@@ -199,7 +218,9 @@ def test_compiled_and_interpreted_programs_agree(planar):
 
 
 def test_exact_and_gauss_newton_hessian_find_the_same_motion(planar):
-    one, two = (least_torque(planar).solve(verify=False, hessian=h) for h in ("exact", "gauss-newton"))
+    one, two = (
+        least_torque(planar).solve(verify=False, hessian=h) for h in ("exact", "gauss-newton")
+    )
     assert one.details["cost"] == pytest.approx(two.details["cost"], rel=1e-7)
 
 
@@ -229,7 +250,9 @@ def test_saved_plan_with_torque_jumps_simulates_with_the_claimed_error(tmp_path,
 def test_edited_torques_of_a_plan_are_refused_by_simulate(planar, tmp_path):
     found = least_torque(planar, 5).solve(verify=False)
     found.trajectory["tau_m"][7] *= 1.01
-    with pytest.raises(ArgumentError, match=r"from the polynomials of degree 2 .* remove torque_degree"):
+    with pytest.raises(
+        ArgumentError, match=r"from the polynomials of degree 2 .* remove torque_degree"
+    ):
         flexgen.simulate(planar, found.trajectory)
 
 
@@ -253,14 +276,17 @@ def test_bounds_hold_at_all_instants(planar):
     check_numbers("bounds", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
     grid = np.linspace(0.0, 0.5, 4001)
     assert (np.abs(found.torque_command.at(grid)) <= torque * (1 + 1e-6)).all()
-    assert (np.abs(found.simulation.trajectory["v_m"]) <= speed * (1 + 1e-5)).all()  # (a mesh of 8 ms)
+    # (a mesh of 8 ms)
+    assert (np.abs(found.simulation.trajectory["v_m"]) <= speed * (1 + 1e-5)).all()
     assert np.abs(found.trajectory["tau_m"][:, 0]).max() > 0.99 * torque[0]  # and one is active
 
 
 @pytest.mark.slow
 def test_the_arm_goes_around_obstacles(planar):
     free = least_torque(planar, 30, "joints")
-    tool = np.array([planar.function("output")(q) for q in free.solve(verify=False).trajectory["q_a"]])[:, :, 0]
+    tool = np.array(
+        [planar.function("output")(q) for q in free.solve(verify=False).trajectory["q_a"]]
+    )[:, :, 0]
     ball = flexgen.Sphere((*tool[150], 0.0), 0.05, name="ball")
     problem = least_torque(planar, 30, "joints")
     problem.avoid(ball, margin=0.01)
@@ -269,7 +295,10 @@ def test_the_arm_goes_around_obstacles(planar):
     for q in found.simulation.trajectory["q_a"][::5]:
         corners = np.array(points(q))
         assert np.linalg.norm(corners - np.array(ball.center)[:, None], axis=0).min() > 0.06 - 1e-4
-    assert found.status == Status.SOLVED and found.details["cost"] > 1.001 * free.solve(verify=False).details["cost"]
+    assert (
+        found.status == Status.SOLVED
+        and found.details["cost"] > 1.001 * free.solve(verify=False).details["cost"]
+    )
 
 
 def test_a_wall_keeps_the_arm_on_its_side(planar):
@@ -279,7 +308,9 @@ def test_a_wall_keeps_the_arm_on_its_side(planar):
     problem.avoid(flexgen.HalfSpace((-2.0, 0.0, 0.0), -1.6))
     assert lowest < 1.6
     found = problem.solve(accuracy=1e-3)
-    ends = [float(np.array(planar.function("chain_points")(q))[0, -1]) for q in found.trajectory["q_a"]]
+    ends = [
+        float(np.array(planar.function("chain_points")(q))[0, -1]) for q in found.trajectory["q_a"]
+    ]
     assert found.status == Status.SOLVED and max(ends) <= 1.6 + 1e-6
     check_numbers("wall", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
 
@@ -289,7 +320,9 @@ def test_soft_tracking_states_that_limits_keep_the_tool_off():
     model = flexgen.read("planar5_nmp@soft")
     exact = flexgen.solve(model, "line", verify=False)
     needed = np.abs(exact.trajectory["tau_m"]).max(axis=0)
-    problem = flexgen.plan_problem(model, "line", mesh=60, limits=flexgen.Limits(tuple(0.9 * needed)))
+    problem = flexgen.plan_problem(
+        model, "line", mesh=60, limits=flexgen.Limits(tuple(0.9 * needed))
+    )
     problem.add_squares(1e3 * problem.output_error)
     problem.add_cost(1e-6 * ca.sumsqr(ca.diff(problem.nodes("tau_m").T)))
     found = problem.solve(guess=exact)
@@ -303,8 +336,12 @@ def test_a_periodic_motion_ends_as_it_begins(planar):
     problem.periodic()
     problem.free_time(0.8, 0.8)
     problem.add_cost(ca.sumsqr(problem["tau_m"]))
-    problem.subject_to(problem.nodes("q_a")[0, 20] - problem.nodes("q_a")[0, 0] == 0.3, name="swing")
-    problem.subject_to(problem.nodes("q_a")[0, 10] - problem.nodes("q_a")[0, 0] == 0.25, name="early swing")
+    problem.subject_to(
+        problem.nodes("q_a")[0, 20] - problem.nodes("q_a")[0, 0] == 0.3, name="swing"
+    )
+    problem.subject_to(
+        problem.nodes("q_a")[0, 10] - problem.nodes("q_a")[0, 0] == 0.25, name="early swing"
+    )
     problem.bound("q_a[q1]", 0.2, 1.0)
     problem.bound("q_a[q2]", -1.6, -0.8)
     found = problem.solve(accuracy=1e-4)
@@ -382,7 +419,10 @@ def test_obstacles_and_paths_hold_in_phases_that_are_added_afterwards(planar):
         problem.follow(1e-3)
         phase = phase or problem.then(0.1, mesh=2)
         stated.append([(row.name, row.slack, str(row.value)) for row in phase.content.rows["path"]])
-    assert stated[0] == stated[1] and [row[0] for row in stated[0]] == ["sphere 1", "distance from the path"]
+    assert stated[0] == stated[1] and [row[0] for row in stated[0]] == [
+        "sphere 1",
+        "distance from the path",
+    ]
 
 
 # --- what must not be called a solution -------------------------------------------------------------------------------
@@ -391,7 +431,10 @@ def test_a_mesh_that_is_too_coarse_is_seen_by_the_simulation():
     found = least_torque("planar5_nmp@soft", 20, "joints").solve()
     assert found.verdict == "Solve_Succeeded" and found.status == Status.TOLERANCE_NOT_MET
     assert found.plan_error_max > 0.1 and "finer mesh" in found.warnings[-1]
-    assert least_torque("planar5_nmp@soft", 20, "joints").solve(verify=False).status == Status.TOLERANCE_NOT_MET
+    assert (
+        least_torque("planar5_nmp@soft", 20, "joints").solve(verify=False).status
+        == Status.TOLERANCE_NOT_MET
+    )
 
 
 def test_planted_wrong_equations_are_seen(planar, monkeypatch):
@@ -414,9 +457,13 @@ def test_a_constraint_broken_between_the_points_is_seen(planar):
     middle = np.r_[problem.path.sample(np.array([0.24])).y[0, :, 0], 0.0]
     problem.avoid(flexgen.Sphere(tuple(middle), 0.006), samples=0)
     found = problem.solve(guess="lq", accuracy=1.0)
-    tool = np.array([np.array(planar.function("forward_kinematics")(q)[0]) for q in found.trajectory["q_a"]])[:, :, 0]
+    tool = np.array(
+        [np.array(planar.function("forward_kinematics")(q)[0]) for q in found.trajectory["q_a"]]
+    )[:, :, 0]
     assert np.linalg.norm(tool - middle, axis=1).min() < 1e-3 and found.verdict == "Solve_Succeeded"
-    assert found.status == Status.TOLERANCE_NOT_MET and "'sphere 1' is violated" in found.warnings[0]
+    assert (
+        found.status == Status.TOLERANCE_NOT_MET and "'sphere 1' is violated" in found.warnings[0]
+    )
 
 
 def test_nan_between_the_points_is_seen(tmp_path):
@@ -433,11 +480,17 @@ def test_the_distance_from_the_path_is_checked_between_the_points(planar):
         problem = least_torque(planar, mesh, "line")
         problem.follow(1e-4)
         found = problem.solve(verify=False)
-        tool = np.array([np.array(planar.function("output")(q))[:, 0] for q in found.trajectory["q_a"]])
+        tool = np.array(
+            [np.array(planar.function("output")(q))[:, 0] for q in found.trajectory["q_a"]]
+        )
         assert found.verdict == "Solve_Succeeded"
-        check_numbers(f"follow_{mesh}", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
+        check_numbers(
+            f"follow_{mesh}", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels)
+        )
         assert (np.abs(tool - found.trajectory["y_ref"]).max() <= 1e-4) == exact
-        assert (found.warnings == ()) == exact and ("'distance from the path'" in str(found.warnings)) != exact
+        assert (found.warnings == ()) == exact and (
+            "'distance from the path'" in str(found.warnings)
+        ) != exact
 
 
 def test_infeasible_problems_name_the_constraint(planar):
@@ -446,7 +499,10 @@ def test_infeasible_problems_name_the_constraint(planar):
     assert "Infeasible" in found.verdict and "largest violated constraint is" in found.verdict
     problem = least_torque(planar, 20)
     problem.subject_to(problem["tool_position"][0], upper=0.9, at="end", name="behind the wall")
-    with pytest.raises(SolverError, match=r"'behind the wall' is violated by .* at the end, where the arm is at rest"):
+    with pytest.raises(
+        SolverError,
+        match=r"'behind the wall' is violated by .* at the end, where the arm is at rest",
+    ):
         problem.solve()
 
 
@@ -466,4 +522,6 @@ def test_a_plan_can_be_drawn_reported_and_simulated(planar, tmp_path):
 def test_a_solution_is_checked_each_millisecond_between_its_nodes(duration, count):
     """At least as often as a torque has samples on an interval, at most 1000 times; the longest interval is a half."""
     phase = SimpleNamespace(number=1, mesh=SimpleNamespace(h=np.array([0.2, 0.5, 0.3])))
-    assert _between(phase, np.array([9.0, duration])) == pytest.approx((np.arange(count) + 0.5) / count)
+    assert _between(phase, np.array([9.0, duration])) == pytest.approx(
+        (np.arange(count) + 0.5) / count
+    )

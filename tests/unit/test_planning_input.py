@@ -44,10 +44,22 @@ def planar():
         (lambda p: p.then(0.0), "duration: given 0.0"),
         (lambda p: p.parameter("k", 0, 1, guess=2), "parameter k: given guess 2"),
         (lambda p: p.parameter("k", guess=None), "parameter k: given guess None"),
-        (lambda p: (p.parameter("k"), p.parameter("k")), "parameter k: there is one of this name already"),
-        (lambda p: p.add_cost(flexgen.plan_problem(p.equations)["time"]), "given an expression of t, expected"),
-        (lambda p: p.add_cost(flexgen.plan_problem(p.equations).parameter("k")), "given an expression of k, expected"),
-        (lambda p: p.add_cost(flexgen.plan_problem(p.equations).nodes("time")[1]), "phases of this problem"),
+        (
+            lambda p: (p.parameter("k"), p.parameter("k")),
+            "parameter k: there is one of this name already",
+        ),
+        (
+            lambda p: p.add_cost(flexgen.plan_problem(p.equations)["time"]),
+            "given an expression of t, expected",
+        ),
+        (
+            lambda p: p.add_cost(flexgen.plan_problem(p.equations).parameter("k")),
+            "given an expression of k, expected",
+        ),
+        (
+            lambda p: p.add_cost(flexgen.plan_problem(p.equations).nodes("time")[1]),
+            "phases of this problem",
+        ),
         (lambda p: p.subject_to(p["tau_m"] <= 1, slack=np.nan), "slack: given nan"),
         (lambda p: p.subject_to(p["tau_m"] <= 1, slack=-1), "slack: given -1"),
         (lambda p: p.add_squares(p["tau_m"], weight="a"), "weight: given 'a'"),
@@ -65,7 +77,10 @@ def planar():
         (lambda p: p.solve(accuracy=0), "accuracy: given 0"),
         (lambda p: p.solve(max_iterations=0), "max_iterations"),
         (lambda p: (p.add_cost(np.nan * p["tau_m"][0]), p.solve()), "'cost' is NaN or infinite"),
-        (lambda p: (p.subject_to(ca.log(p["q_a"][0] - 9) <= 1, name="log"), p.solve()), "'log' is NaN or infinite"),
+        (
+            lambda p: (p.subject_to(ca.log(p["q_a"][0] - 9) <= 1, name="log"), p.solve()),
+            "'log' is NaN or infinite",
+        ),
     ],
 )
 def test_bad_input_is_refused(planar, call, text):
@@ -77,7 +92,10 @@ def test_bad_input_is_refused(planar, call, text):
 def test_a_warm_start_has_the_size_of_the_problem(planar, more, monkeypatch):
     problem = flexgen.plan_problem(planar, mesh=5)
     size = Layout(tuple(problem.phases), ()).size
-    problem._warm, problem._warm_x = SimpleNamespace(x=np.zeros(size + more)), "where the last one ended"
+    problem._warm, problem._warm_x = (
+        SimpleNamespace(x=np.zeros(size + more)),
+        "where the last one ended",
+    )
 
     def program(layout, scale, start, exact, compiled):
         raise StopIteration(start)

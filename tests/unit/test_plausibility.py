@@ -18,14 +18,25 @@ from flexgen.model.reader import read
 from flexgen.plausibility.finding import MARKS
 from flexgen.type_checks import checked_types
 
-MODELS = ["planar5_nmp", "planar5_mp", "elbow", "kr300", "manutec_r3", "manutec_r3_18", "beam_arm", "urdf_arm"]
+MODELS = [
+    "planar5_nmp",
+    "planar5_mp",
+    "elbow",
+    "kr300",
+    "manutec_r3",
+    "manutec_r3_18",
+    "beam_arm",
+    "urdf_arm",
+]
 
 
 @pytest.mark.parametrize("model", all_variants())
 def test_the_models_that_come_with_flexgen_pass(model):
     found = flexgen.check(model)
     assert not found.errors and len(found.findings) >= 10, found
-    assert all(finding.mark in MARKS and finding.key and finding.usual for finding in found.findings)
+    assert all(
+        finding.mark in MARKS and finding.key and finding.usual for finding in found.findings
+    )
     assert all(finding.advice for finding in found.warnings) and len(repr(found).splitlines()) < 25
 
 
@@ -42,16 +53,30 @@ COLD = {"type": "gear", "viscous": 0.1, "viscous_share": 0.5, "viscous_decay": 1
 @pytest.mark.parametrize(
     ("verb", "changes", "words"),
     [
-        (flexgen.solve, {"gravity": [0.0, 0.0, -1e11]}, "implausible: gravity: gravity 1e+11 m/s^2, usual at most 30"),
-        (flexgen.analyze, {"motor.m1.friction": COLD, "temperature": -30.0}, "analyze: the computation failed (Array"),
-        (flexgen.check, {"motor.m1.friction": COLD, "temperature": -30.0}, "dampings, frictions and gravity"),
+        (
+            flexgen.solve,
+            {"gravity": [0.0, 0.0, -1e11]},
+            "implausible: gravity: gravity 1e+11 m/s^2, usual at most 30",
+        ),
+        (
+            flexgen.analyze,
+            {"motor.m1.friction": COLD, "temperature": -30.0},
+            "analyze: the computation failed (Array",
+        ),
+        (
+            flexgen.check,
+            {"motor.m1.friction": COLD, "temperature": -30.0},
+            "dampings, frictions and gravity",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_numerical_errors_of_functions_name_their_cause(verb, changes, words):
     with pytest.raises(SolverError) as caught:
         verb(read("elbow", overrides=changes))
-    assert words in str(caught.value) and isinstance(caught.value.__cause__, ArithmeticError | ValueError)
+    assert words in str(caught.value) and isinstance(
+        caught.value.__cause__, ArithmeticError | ValueError
+    )
 
 
 def test_a_cause_that_cannot_be_found_leaves_the_error(monkeypatch):
@@ -83,7 +108,9 @@ def test_an_error_of_the_search_for_a_cause_has_no_cause_itself(monkeypatch):
             inner(model)
         return "; gravity is large"
 
-    monkeypatch.setattr(type_checks, "find_function", lambda name: {"Check.implausible": search}[name])
+    monkeypatch.setattr(
+        type_checks, "find_function", lambda name: {"Check.implausible": search}[name]
+    )
     for call in (lambda: outer("arm", 2.0), lambda: outer(power=2.0, model="arm")):
         with pytest.raises(SolverError) as caught:
             call()
@@ -91,7 +118,9 @@ def test_an_error_of_the_search_for_a_cause_has_no_cause_itself(monkeypatch):
         assert text.startswith(
             "outer: the computation failed (too large); check the numbers of the model with flexgen."
         )
-        assert text.endswith("; gravity is large") and isinstance(caught.value.__cause__, OverflowError)
+        assert text.endswith("; gravity is large") and isinstance(
+            caught.value.__cause__, OverflowError
+        )
     assert asked == ["arm", "arm"]
 
     @checked_types
@@ -104,12 +133,17 @@ def test_an_error_of_the_search_for_a_cause_has_no_cause_itself(monkeypatch):
 
 
 def test_commands_in_rows_of_different_lengths_are_refused():
-    with pytest.raises(ArgumentError, match=r"commands: given \[\[1\], \[2, 3\]\], expected rows of the same length"):
+    with pytest.raises(
+        ArgumentError,
+        match=r"commands: given \[\[1\], \[2, 3\]\], expected rows of the same length",
+    ):
         flexgen.tracker_positions("elbow", [[1], [2, 3]])
 
 
 def test_lengths_in_millimeters_are_found():
-    found = flexgen.check(read("elbow", overrides={"element.fore.origin.position": [1e6, 0.0, 0.0]}), motions=False)
+    found = flexgen.check(
+        read("elbow", overrides={"element.fore.origin.position": [1e6, 0.0, 0.0]}), motions=False
+    )
     assert found.worst is not None and "element" in [finding.key for finding in found.errors]
 
 
@@ -122,20 +156,29 @@ def planted(robot: RobotModel, kind: str) -> list[tuple[str, float]]:
     ]
     single = [motor for motor in robot.motors if len(motor.drives) == 1]
     bodies = [(f"element.{e.name}.body", e.body) for e in robot.elements]
-    solid = [(key, body) for key, body in bodies if body.inertia[0][0] and body.inertia[1][1] and body.inertia[2][2]]
+    solid = [
+        (key, body)
+        for key, body in bodies
+        if body.inertia[0][0] and body.inertia[1][1] and body.inertia[2][2]
+    ]
     return {
         "ratio times 1000": [(f"motor.{m.name}.ratio", 1000.0 * m.ratio[0]) for m in single],
         "ratio inverted": [(f"motor.{m.name}.ratio", 1.0 / m.ratio[0]) for m in single],
         "rotor in g cm^2": [(f"motor.{m.name}.inertia", 1e7 * m.inertia) for m in robot.motors],
         "motor speed in rpm": [(f"motor.{m.name}.speed_max", 3000.0) for m in robot.motors],
-        "N m/deg": [(f"{key}.spring.stiffness", g.spring.stiffness * math.pi / 180.0) for key, g in gears],
+        "N m/deg": [
+            (f"{key}.spring.stiffness", g.spring.stiffness * math.pi / 180.0) for key, g in gears
+        ],
         "damping times 100": [(f"{key}.damping", 100.0 * gear.damping) for key, gear in gears],
         "mass in g": [(f"{key}.mass", 1000.0 * body.mass) for key, body in solid],
-        "body in g cm^2": [(f"{key}.inertia", [1e7 * body.inertia[k][k] for k in range(3)]) for key, body in solid],
+        "body in g cm^2": [
+            (f"{key}.inertia", [1e7 * body.inertia[k][k] for k in range(3)]) for key, body in solid
+        ],
     }[kind]
 
 
-ERRORS = {"ratio times 1000", "rotor in g cm^2", "mass in g", "body in g cm^2"}  # no robot has such numbers
+# no robot has such numbers
+ERRORS = {"ratio times 1000", "rotor in g cm^2", "mass in g", "body in g cm^2"}
 KINDS = sorted({*ERRORS, "ratio inverted", "motor speed in rpm", "N m/deg", "damping times 100"})
 
 
@@ -156,7 +199,11 @@ def test_a_number_in_a_wrong_unit_is_found_by_its_key(model, kind):
     ("model", "change", "key"),
     [
         ("planar5_nmp", {"move.line.displacement": [-200.0, 210.0, 0.0]}, "move.line"),  # mm
-        ("planar5_nmp", {"element.arm2.dof.q2.lower_deg": -80.0, "move.joints.end_rad": [0.9, -1.3]}, "move.line"),
+        (
+            "planar5_nmp",
+            {"element.arm2.dof.q2.lower_deg": -80.0, "move.joints.end_rad": [0.9, -1.3]},
+            "move.line",
+        ),
         ("elbow", {"move.line.duration": 1e-3}, "move.line"),  # s given in ks
     ],
 )
@@ -166,7 +213,9 @@ def test_a_move_beyond_the_reach_the_ranges_or_the_speeds_is_an_error(model, cha
     assert not flexgen.check(model).errors
 
 
-@pytest.mark.parametrize("change", [{"motor.m1.ratio": 1e12}, {"element.arm3.dof.q3.spring.stiffness": 1e-12}])
+@pytest.mark.parametrize(
+    "change", [{"motor.m1.ratio": 1e12}, {"element.arm3.dof.q3.spring.stiffness": 1e-12}]
+)
 def test_extreme_numbers_are_findings_not_exceptions(change):
     found = flexgen.check(read("planar5_nmp", overrides=change))
     assert next(iter(change)) in [finding.key for finding in found.errors]
@@ -200,7 +249,10 @@ def test_a_failure_with_a_wrong_ratio_names_the_ratio(ask, monkeypatch):
 
     monkeypatch.setattr("flexgen.inversion.solve.solve", fail)
     status, _, err = ask("solve", "urdf_arm", "--set", "motor.m3.ratio=0.0025")
-    assert status == 1 and "; numbers of the model are implausible: motor.m3.ratio: ratio of a translation" in err
+    assert (
+        status == 1
+        and "; numbers of the model are implausible: motor.m3.ratio: ratio of a translation" in err
+    )
     assert "0.0025 rad/m, usual 5 to 2e+04 rad/m" in err and "'flexgen check urdf_arm'" in err
     assert "implausible" not in ask("solve", "urdf_arm")[2]
 

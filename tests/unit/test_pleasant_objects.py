@@ -40,7 +40,9 @@ def without(monkeypatch, package):
 def test_a_printed_solution_has_six_lines(solution):
     lines = str(solution).splitlines()
     assert len(lines) == 6 and max(map(len, lines)) < 120
-    assert lines[0].startswith(f"elbow, move {solution.move.name}: solved by method {solution.method} in ")
+    assert lines[0].startswith(
+        f"elbow, move {solution.move.name}: solved by method {solution.method} in "
+    )
     assert lines[1].startswith("  tool error open loop up to ") and lines[2].startswith("  defect ")
     largest = f"{np.abs(solution.trajectory['tau_m']).max():.4g} N m"
     assert largest in lines[3] and f"{len(solution.trajectory.time)} samples" in lines[4]
@@ -57,7 +59,9 @@ def test_the_printed_error_says_what_it_is(solution):
 
 @needs_compiler
 def test_objects_have_a_repr_of_one_line(solution, tmp_path):
-    library = flexgen.load(flexgen.generate("elbow", tmp_path / "elbow", functions=["gravity"]).directory)
+    library = flexgen.load(
+        flexgen.generate("elbow", tmp_path / "elbow", functions=["gravity"]).directory
+    )
     expected = {
         repr(solution): "Solution elbow, move",
         repr(solution.trajectory): "Trajectory elbow: ",
@@ -67,13 +71,21 @@ def test_objects_have_a_repr_of_one_line(solution, tmp_path):
         repr(library): "Library elbow: 1 function, double precision",
     }
     for text, start in expected.items():
-        assert text.startswith(f"<{start}") and text.endswith(">") and "\n" not in text and len(text) < 150
+        assert (
+            text.startswith(f"<{start}")
+            and text.endswith(">")
+            and "\n" not in text
+            and len(text) < 150
+        )
 
 
 def test_the_table_for_notebooks_is_escaped(solution):
     text = replace(solution, warnings=("<b>",))._repr_html_()
     assert text.startswith("<table>") and "&lt;b&gt;" in text and "<b>" not in text
-    assert all(label in text for label in ("status", "motor torque, largest", "tool error open loop, largest"))
+    assert all(
+        label in text
+        for label in ("status", "motor torque, largest", "tool error open loop, largest")
+    )
 
 
 # --- figures and reports ----------------------------------------------------------------------------------------------
@@ -94,7 +106,13 @@ def test_a_solution_writes_its_report(solution, tmp_path):
 
 # Called by other functions, such as `flexgen.solve`, `plot` and `write`, and not methods.
 INNER = (
-    *("Move.fastest", "Result.picture", "Estimated.uncertainty", "FastestMove.torques", "Solution.positions"),
+    *(
+        "Move.fastest",
+        "Result.picture",
+        "Estimated.uncertainty",
+        "FastestMove.torques",
+        "Solution.positions",
+    ),
     *("RobotModel.numbers", "Check.implausible"),
 )
 
@@ -115,7 +133,9 @@ def test_the_methods_import_nothing_before_they_are_called():
         "import sys, flexgen; s = flexgen.solve('elbow', verify=False); print(s, s.plot)\n"
         "print('matplotlib' in sys.modules, 'pandas' in sys.modules)"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert out.splitlines()[-1] == "False False"
 
 
@@ -135,14 +155,19 @@ def test_interpolation_meets_the_samples_and_the_equations(solution):
     at = trajectory.at(t)
     assert at.keys() == trajectory.keys()
     for name in trajectory:
-        assert np.allclose(at[name], trajectory[name], rtol=0, atol=1e-9 * np.abs(trajectory[name]).max() + 1e-12), name
+        assert np.allclose(
+            at[name], trajectory[name], rtol=0, atol=1e-9 * np.abs(trajectory[name]).max() + 1e-12
+        ), name
     one = trajectory.at(float(t[7] + t[8]) / 2)
     many = trajectory.at([(t[7] + t[8]) / 2])
     assert all(np.array_equal(one[name], many[name][0]) for name in trajectory)
     equations = derive("elbow")
     q, motors = [[one[f"{x}_{kind}"] for x in "qva"] for kind in "am"]
-    rows = np.concatenate([r.ravel() for r in evaluate(equations.function("residual"), *q, *motors, one["tau_m"])])
-    rounding = 1e-9 * np.abs(trajectory["tau_g"]).max()  # of second derivatives over a short interval
+    rows = np.concatenate(
+        [r.ravel() for r in evaluate(equations.function("residual"), *q, *motors, one["tau_m"])]
+    )
+    # of second derivatives over a short interval
+    rounding = 1e-9 * np.abs(trajectory["tau_g"]).max()
     assert np.abs(rows).max() <= 1.01 * solution.residual_max_Nm + rounding
     step = 1e-5
     low, high = (trajectory.at(float(t[7] + t[8]) / 2 + sign * step) for sign in (-1, 1))
@@ -161,7 +186,9 @@ def test_the_torque_between_samples_is_that_of_the_simulation(solution):
 
 @pytest.mark.parametrize("t", [-99.0, 1e9, np.nan, "x", [0.0, 1e9], np.zeros((2, 2))])
 def test_instants_outside_are_refused(solution, t):
-    with pytest.raises(ArgumentError, match=r"^t: given .*, expected one or more instants from .* s$"):
+    with pytest.raises(
+        ArgumentError, match=r"^t: given .*, expected one or more instants from .* s$"
+    ):
         solution.trajectory.at(t)
 
 
@@ -178,14 +205,18 @@ def test_each_column_has_its_unit(tmp_path):
         Trajectory(t, channels, ports, mixed.labels, {}, {"q_a": ("rad", "m", "rad")})
 
 
-@pytest.mark.parametrize("model", ["elbow", pytest.param("beam_arm", marks=pytest.mark.slow), "four_mass@high"])
+@pytest.mark.parametrize(
+    "model", ["elbow", pytest.param("beam_arm", marks=pytest.mark.slow), "four_mass@high"]
+)
 def test_units_of_a_solution_are_those_of_the_model(model):
     robot = flexgen.read(model)
     trajectory = flexgen.solve(robot, verify=False).trajectory
     units = tuple(c.unit for c in robot.coordinates)
     assert trajectory.units["q_a"] == units
     assert trajectory.units["a_a"] == tuple(f"{unit}/s^2" for unit in units)
-    assert trajectory.units["tau_g"] == tuple("N m" if units[i] == "rad" else "N" for i in robot.i_g)
+    assert trajectory.units["tau_g"] == tuple(
+        "N m" if units[i] == "rad" else "N" for i in robot.i_g
+    )
     assert all(" or " not in column and "mixed" not in column for column in trajectory.columns())
 
 
@@ -203,7 +234,9 @@ def test_a_trajectory_becomes_a_data_frame(solution, tmp_path):
 
 def test_without_pandas_the_error_names_it(solution, monkeypatch):
     without(monkeypatch, "pandas")
-    with pytest.raises(ArgumentError, match="the package pandas is not installed; run: pip install pandas"):
+    with pytest.raises(
+        ArgumentError, match="the package pandas is not installed; run: pip install pandas"
+    ):
         solution.to_dataframe()
 
 
@@ -225,7 +258,9 @@ def test_a_trajectory_becomes_a_dataset(solution):
 
 def test_without_xarray_the_error_names_it(solution, monkeypatch):
     without(monkeypatch, "xarray")
-    with pytest.raises(ArgumentError, match="the package xarray is not installed; run: pip install xarray"):
+    with pytest.raises(
+        ArgumentError, match="the package xarray is not installed; run: pip install xarray"
+    ):
         solution.trajectory.to_xarray()
 
 
@@ -252,7 +287,9 @@ def test_the_control_system_has_the_poles_and_the_response(name):
     assert all(label.startswith("d_q_") for label in system.state_labels[model.dof :])
     named = analysis.to_control(units=True)
     plain = [system.input_labels, system.output_labels, system.state_labels]
-    for words, bare in zip([named.input_labels, named.output_labels, named.state_labels], plain, strict=True):
+    for words, bare in zip(
+        [named.input_labels, named.output_labels, named.state_labels], plain, strict=True
+    ):
         assert all(word.startswith(f"{name} ") for word, name in zip(words, bare, strict=True))
     assert named.input_labels[0].endswith("] N m") and named.output_labels[-1].endswith("] rad")
     assert named.state_labels[0] == f"{system.state_labels[0]} {model.coordinates[0].unit}"

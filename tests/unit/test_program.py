@@ -60,9 +60,14 @@ def roughness(path: Path) -> float:
 def test_programs_are_as_smooth_as_they_say(name: str, request: pytest.FixtureRequest) -> None:
     path = request.getfixturevalue(name)
     assert path.smoothness == {"seam": 4, "tour": 3}[name]
-    assert roughness(path) < 1e-5  # the slope of the next derivative over the distance of the two sides
+    # the slope of the next derivative over the distance of the two sides
+    assert roughness(path) < 1e-5
     ends = path.sample(np.array([-1.0, 0.0, path.duration, path.duration + 1.0]))
-    assert not ends.y[:, :, 1:].any() and np.array_equal(ends.y[0], ends.y[1]) and np.array_equal(ends.y[2], ends.y[3])
+    assert (
+        not ends.y[:, :, 1:].any()
+        and np.array_equal(ends.y[0], ends.y[1])
+        and np.array_equal(ends.y[2], ends.y[3])
+    )
     assert path.move.duration == path.duration and path.move.name == name
 
 
@@ -85,7 +90,8 @@ def test_programs_pass_where_they_should(seam, arm) -> None:
     # the arc: all its points have the same distance from its centre
     via = second + np.array([0.03, 0.05, 0])
     centre = np.linalg.solve(
-        2 * np.array([via - second, end - second])[:, :2], [v @ v - second[:2] @ second[:2] for v in (via[:2], end[:2])]
+        2 * np.array([via - second, end - second])[:, :2],
+        [v @ v - second[:2] @ second[:2] for v in (via[:2], end[:2])],
     )
     last = fine[-1200:]
     spread = np.ptp(np.linalg.norm(last - centre, axis=1))
@@ -105,7 +111,9 @@ def test_bounds_and_speeds_are_kept(seam, tour) -> None:
             else:
                 peaks, bounds = np.linalg.norm(x[:, :, 1:], axis=1).max(axis=0), program.profile
                 if turn is not None:
-                    peaks = np.maximum(peaks, program.radius * np.linalg.norm(turn[1], axis=1).max(axis=0))
+                    peaks = np.maximum(
+                        peaks, program.radius * np.linalg.norm(turn[1], axis=1).max(axis=0)
+                    )
             for peak, bound in zip(peaks, bounds, strict=False):
                 assert peak <= bound * (1 + WITHIN)
     # the first step along the seam has a speed of its own
@@ -128,14 +136,18 @@ def test_joint_limits_of_the_model_are_kept(robot, tour) -> None:
         if leg.space == "joint":
             q, v, a = np.moveaxis(leg.at(t)[0][:, :, :3], 2, 0)
         else:
-            q = kinematics.follow(sample, tour.segments[0].at(np.array([tour.segments[1].start]))[0][0, :, 0])
+            q = kinematics.follow(
+                sample, tour.segments[0].at(np.array([tour.segments[1].start]))[0][0, :, 0]
+            )
             v, a = kinematics.velocities(sample, q)
         assert kinematics.slowdown(v, a) < 1 + 1e-4  # looked at 401 instants when it was planned
         for k, i in enumerate(model.i_g):
             assert np.abs(v[:, k]).max() <= model.coordinates[i].dof.speed_max * (1 + 1e-4)
         # the rates are those of the postures
         h = t[1] - t[0]
-        assert np.abs(np.gradient(q, h, axis=0)[5:-5] - v[5:-5]).max() < 1e-4 * np.abs(v).max() + 1e-6
+        assert (
+            np.abs(np.gradient(q, h, axis=0)[5:-5] - v[5:-5]).max() < 1e-4 * np.abs(v).max() + 1e-6
+        )
     assert max(leg.law.time_scale for leg in tour.segments) > 1.01  # a limit did slow one
 
 
@@ -147,13 +159,17 @@ def test_motor_speeds_slow_a_path(arm) -> None:
     slow = Path(Equations(replace(arm.model, motors=motors)), program)
     turns = slow.sample(np.linspace(0, slow.duration, 4001)).q_g[:, :, 1] @ arm.model.eta.T
     assert slow.duration > free.duration
-    assert np.abs(turns).max() == pytest.approx(100.0, rel=1e-4) and np.abs(turns).max() <= 100 * (1 + WITHIN)
+    assert np.abs(turns).max() == pytest.approx(100.0, rel=1e-4) and np.abs(turns).max() <= 100 * (
+        1 + WITHIN
+    )
 
 
 def test_joint_limits_slow_a_line(robot) -> None:
     """A line that is asked for in no time takes as long as the joints need."""
     start = robot.model.move("line").start
-    fast = Move("fast", "tool_line", start, 0.0, 0, (0.2, 0.2, -0.1), profile=(50.0, 500.0, 50000.0, 5e6))
+    fast = Move(
+        "fast", "tool_line", start, 0.0, 0, (0.2, 0.2, -0.1), profile=(50.0, 500.0, 50000.0, 5e6)
+    )
     path = Path(robot, fast)
     t = np.linspace(0, path.duration, 2001)
     sample = path.sample(t)
@@ -164,7 +180,9 @@ def test_joint_limits_slow_a_line(robot) -> None:
 
 def test_steps_in_joints_flow_into_each_other(arm) -> None:
     steps = (MoveJ((0.6, -1.1), zone=0.1), MoveJ((0.6, -1.5), zone=0.1), MoveJ((0.9, -1.5)))
-    path = Path(arm, Program("p", start=(0.3, -1.1), steps=steps, joint_profile=JOINTS, smoothness=5))
+    path = Path(
+        arm, Program("p", start=(0.3, -1.1), steps=steps, joint_profile=JOINTS, smoothness=5)
+    )
     sample = path.sample(np.linspace(0, path.duration, 8001))
     assert len(path.segments) == 1 and sample.q_g is not None and path.smoothness == 5
     assert np.abs(sample.q_g[-1, :, 0] - (0.9, -1.5)).max() < 1e-15
@@ -184,7 +202,10 @@ def test_absolute_and_relative_ends_agree(robot) -> None:
         "p",
         start=start,
         profile=PROFILE,
-        steps=(MoveL((0.1, 0, 0), rotation=(0, 0, 0.3), zone=0.03), MoveC((0, 0.1, 0), via=(0.05, 0.05, 0.02))),
+        steps=(
+            MoveL((0.1, 0, 0), rotation=(0, 0, 0.3), zone=0.03),
+            MoveC((0, 0.1, 0), via=(0.05, 0.05, 0.02)),
+        ),
     )
     c, s = np.cos(0.3), np.sin(0.3)
     turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ R
@@ -230,7 +251,11 @@ def test_a_program_is_solved_like_a_move() -> None:
         "there_and_back",
         start=start,
         joint_profile=(3.0, 30.0, 900.0, 40000.0, 3e6),
-        steps=(MoveJ(tuple(q + 0.2 for q in start), zone=0.05), MoveJ((start[0], start[1] + 0.4)), MoveJ(start)),
+        steps=(
+            MoveJ(tuple(q + 0.2 for q in start), zone=0.05),
+            MoveJ((start[0], start[1] + 0.4)),
+            MoveJ(start),
+        ),
         smoothness=5,
     )
     solution = flexgen.solve(elbow, program)
@@ -238,7 +263,11 @@ def test_a_program_is_solved_like_a_move() -> None:
 
 
 GOOD = Program(
-    "p", start=(0.3, -1.1), steps=(MoveJ((0.6, -1.4)), MoveL((-0.1, 0.0, 0.0))), profile=PROFILE, joint_profile=JOINTS
+    "p",
+    start=(0.3, -1.1),
+    steps=(MoveJ((0.6, -1.4)), MoveL((-0.1, 0.0, 0.0))),
+    profile=PROFILE,
+    joint_profile=JOINTS,
 )
 L, J = MoveL((-0.1, 0.0, 0.0)), MoveJ((0.6, -1.4))
 BAD = {
@@ -254,25 +283,46 @@ BAD = {
         {"steps": (replace(J, zone=0.1), L)},
         "step 1: given zone 0.1, expected 0 between a MoveJ and",
     ),
-    "zone at the end": ({"steps": (J, replace(L, zone=0.1))}, "step 2: given zone 0.1, expected 0 at the end"),
-    "negative zone": ({"steps": (replace(J, zone=-0.1), L)}, "given zone -0.1, expected a zone >= 0"),
-    "zone too large": ({"steps": (replace(L, zone=0.2), L)}, "step 1: given zone 0 and 0.2, expected zones that fit"),
-    "there and back": ({"steps": (replace(L, zone=0.05), MoveL((0.1, 0, 0)))}, "because the path reverses here"),
+    "zone at the end": (
+        {"steps": (J, replace(L, zone=0.1))},
+        "step 2: given zone 0.1, expected 0 at the end",
+    ),
+    "negative zone": (
+        {"steps": (replace(J, zone=-0.1), L)},
+        "given zone -0.1, expected a zone >= 0",
+    ),
+    "zone too large": (
+        {"steps": (replace(L, zone=0.2), L)},
+        "step 1: given zone 0 and 0.2, expected zones that fit",
+    ),
+    "there and back": (
+        {"steps": (replace(L, zone=0.05), MoveL((0.1, 0, 0)))},
+        "because the path reverses here",
+    ),
     "pause": ({"steps": (replace(J, pause=-1.0), L)}, "given pause -1.0, expected a time >= 0"),
     "pause in a zone": (
         {"steps": (replace(L, zone=0.01, pause=1.0), MoveL((0, 0.1, 0)))},
         "given pause 1.0, expected 0 because",
     ),
-    "speed": ({"steps": (J, replace(L, speed=0.0))}, "step 2: given speed 0.0, expected a speed > 0"),
+    "speed": (
+        {"steps": (J, replace(L, speed=0.0))},
+        "step 2: given speed 0.0, expected a speed > 0",
+    ),
     "joints": ({"steps": (MoveJ((1.0,)), L)}, "step 1: given end"),
     "stays": (
         {"steps": (MoveJ((0.3, -1.1)), L)},
         "step 1: given end .* expected an end different from the start of the step",
     ),
-    "stays with the tool": ({"steps": (MoveL((0.0, 0.0, 0.0)),)}, "expected a step with a displacement or rotation"),
+    "stays with the tool": (
+        {"steps": (MoveL((0.0, 0.0, 0.0)),)},
+        "expected a step with a displacement or rotation",
+    ),
     "displacement": ({"steps": (MoveL((0.1, 0.0)),)}, "given displacement"),
     "neither": ({"steps": (MoveL(),)}, "expected either displacement or position"),
-    "both": ({"steps": (MoveL((0.1, 0, 0), (1, 1, 0)),)}, "expected either displacement or position"),
+    "both": (
+        {"steps": (MoveL((0.1, 0, 0), (1, 1, 0)),)},
+        "expected either displacement or position",
+    ),
     "turn without a pose": ({"steps": (MoveL((0.1, 0, 0), rotation=(0, 0, 1)),)}, "given rotation"),
     "via on the line": ({"steps": (MoveC((0.1, 0, 0), via=(0.05, 0, 0)),)}, "given via"),
     "no via": ({"steps": (MoveC((0.1, 0, 0)),)}, "given via"),
@@ -286,9 +336,15 @@ BAD = {
 NONSENSE = {
     "nan bound": (lambda: replace(GOOD, profile=(1.0, np.nan)), "Program, profile: given"),
     "no step": (lambda: replace(GOOD, steps=("MoveJ",)), "Program, steps: given .*'MoveJ'"),
-    "nan zone": (lambda: replace(L, zone=np.nan), "MoveL, zone: given nan, expected a finite number"),
+    "nan zone": (
+        lambda: replace(L, zone=np.nan),
+        "MoveL, zone: given nan, expected a finite number",
+    ),
     "nan joints": (lambda: MoveJ((1.0, np.nan)), "MoveJ, end: given"),
-    "nan end": (lambda: Move("x", "joint", (0.3,), 0.5, 5, end=(np.nan,)), r"Move, end: given \(nan,\)"),
+    "nan end": (
+        lambda: Move("x", "joint", (0.3,), 0.5, 5, end=(np.nan,)),
+        r"Move, end: given \(nan,\)",
+    ),
     "text": (lambda: MoveC(via="x"), "MoveC, via: given 'x', expected a sequence"),
 }
 
@@ -309,11 +365,17 @@ def test_bad_programs_are_refused(arm, what: str) -> None:
 
 def test_out_of_reach_is_an_error(robot, arm) -> None:
     start = robot.model.move("line").start
-    far = Program("far", start=start, profile=PROFILE, steps=(MoveL((0.01, 0, 0)), MoveL((3.0, 0.0, 0.0))))
-    with pytest.raises(SolverError, match=r"move far, step 2: inverse kinematics: .* after .* % of the time"):
+    far = Program(
+        "far", start=start, profile=PROFILE, steps=(MoveL((0.01, 0, 0)), MoveL((3.0, 0.0, 0.0)))
+    )
+    with pytest.raises(
+        SolverError, match=r"move far, step 2: inverse kinematics: .* after .* % of the time"
+    ):
         Path(robot, far)
     drive = flexgen.derive("four_mass")
-    with pytest.raises(ArgumentError, match="step 1: given a MoveL, expected an output_line or joint move"):
+    with pytest.raises(
+        ArgumentError, match="step 1: given a MoveL, expected an output_line or joint move"
+    ):
         Path(drive, Program("p", start=(0.0,), profile=PROFILE, steps=(L,)))
 
 

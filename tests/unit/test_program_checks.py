@@ -31,7 +31,11 @@ def program(*steps: Any, profile: tuple[float, ...] = PROFILE, **more: Any) -> P
     return Program("long", start=START, smoothness=5, steps=steps, profile=profile, **more)
 
 
-DETOUR = MoveL((0.0, 0.12, 0.0), zone=0.002), MoveL((0.05, 0.0, 0.0), zone=0.002), MoveL((0.0, -0.12, 0.0), zone=0.002)
+DETOUR = (
+    MoveL((0.0, 0.12, 0.0), zone=0.002),
+    MoveL((0.05, 0.0, 0.0), zone=0.002),
+    MoveL((0.0, -0.12, 0.0), zone=0.002),
+)
 SLOW = MoveL((-0.05, 0.0, 0.0), zone=0.002, speed=2e-4)  # 250 s
 
 
@@ -46,7 +50,10 @@ def test_a_range_left_for_a_short_time_of_a_long_program_is_refused(pause: float
     assert ((q[:, 0] > largest - 0.01).sum() / len(q)) * path.duration < 0.01 * path.duration
 
     def with_range(upper: float) -> flexgen.RobotModel:
-        changes = {"element.arm1.dof.q1.upper_rad": float(upper), "move.joints.end_rad": [0.32, -1.2]}
+        changes = {
+            "element.arm1.dof.q1.upper_rad": float(upper),
+            "move.joints.end_rad": [0.32, -1.2],
+        }
         return replace(flexgen.read("planar5_nmp", overrides=changes), programs=(program(*steps),))
 
     flexgen.plan(with_range(largest + 1e-4), program(*steps))
@@ -54,7 +61,9 @@ def test_a_range_left_for_a_short_time_of_a_long_program_is_refused(pause: float
         flexgen.plan(with_range(largest - 0.01), program(*steps))
     flexgen.plan(with_range(largest - 0.01), program(*steps), ignore_limits=True)
     (found,) = [
-        f for f in moves(flexgen.derive(with_range(largest - 0.01))) if "long" in f.key and "range" in f.quantity
+        f
+        for f in moves(flexgen.derive(with_range(largest - 0.01)))
+        if "long" in f.key and "range" in f.quantity
     ]
     assert "q1 reaches" in str(found)
 
@@ -63,19 +72,30 @@ def test_a_path_out_of_reach_for_a_short_time_of_a_long_program_is_refused() -> 
     """1.70 m from the base of an arm that reaches 1.6 m, for less than 1 s of 200 s."""
     steps = MoveL((0.345, 0.0, 0.0)), MoveL((-0.345, 0.0, 0.0), pause=200.0), MoveL((0.0, 0.1, 0.0))
     path = Path(flexgen.derive("planar5_nmp"), program(*steps))
-    far = np.linalg.norm(path.sample(np.linspace(0.0, path.duration, 100_001)).y[:, :, 0], axis=1) > 2 * LENGTH
+    far = (
+        np.linalg.norm(path.sample(np.linspace(0.0, path.duration, 100_001)).y[:, :, 0], axis=1)
+        > 2 * LENGTH
+    )
     assert 0.001 < far.mean() < 0.01
     with pytest.raises(SolverError, match=r"inverse kinematics: .* after 0\.\d+ % of the time"):
         flexgen.plan("planar5_nmp", program(*steps))
 
 
 @pytest.mark.parametrize("smoothness", [0, 5])
-def test_accelerations_of_joints_are_kept_in_short_corners_of_long_programs(smoothness: int) -> None:
-    limits = {"element.arm1.dof.q1.acceleration_max": 1.0, "element.arm2.dof.q2.acceleration_max": 1.0}
+def test_accelerations_of_joints_are_kept_in_short_corners_of_long_programs(
+    smoothness: int,
+) -> None:
+    limits = {
+        "element.arm1.dof.q1.acceleration_max": 1.0,
+        "element.arm2.dof.q2.acceleration_max": 1.0,
+    }
     robot = flexgen.read("planar5_nmp", overrides=limits)
     steps = (SLOW, *DETOUR, MoveL((-0.05, 0.0, 0.0)))
     path = flexgen.plan(
-        robot, Program("long", start=START, smoothness=smoothness, steps=steps, profile=(0.1, *PROFILE[1:]))
+        robot,
+        Program(
+            "long", start=START, smoothness=smoothness, steps=steps, profile=(0.1, *PROFILE[1:])
+        ),
     )
     t = np.linspace(path.duration - 8.0, path.duration, 80_001)
     rates = np.gradient(np.gradient(joints(path.sample(t).y[:, :, 0]), t, axis=0), t, axis=0)[3:-3]
@@ -88,7 +108,9 @@ def test_speeds_of_joints_are_kept_near_a_singular_pose_in_a_program(distance: f
     robot = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.speed_max": 2.0})
     start = tuple(joints(np.array([[-0.9, distance]]))[0])
     steps = MoveL((1.8, 0.0, 0.0), zone=0.01), MoveL((0.0, 0.2, 0.0))
-    path = flexgen.plan(robot, Program("p", start=start, smoothness=5, steps=steps, profile=(0.5, 2.0, 30.0, 600.0)))
+    path = flexgen.plan(
+        robot, Program("p", start=start, smoothness=5, steps=steps, profile=(0.5, 2.0, 30.0, 600.0))
+    )
     t = np.linspace(0.0, path.duration, 400_001)
     q1 = joints(path.sample(t).y[:, :, 0])[:, 0]
     assert 1.999 < np.abs(np.gradient(q1, t)).max() < 2.0002
@@ -96,17 +118,27 @@ def test_speeds_of_joints_are_kept_near_a_singular_pose_in_a_program(distance: f
 
 def test_single_moves_and_programs_are_checked_at_instants_in_each_section() -> None:
     robot = flexgen.derive("planar5_nmp")
-    ((q, v),) = joints_along(Path(robot, Move("line", "tool_line", START, 0.5, 5, (-0.2, 0.21, 0.0))), speeds=True)
+    ((q, v),) = joints_along(
+        Path(robot, Move("line", "tool_line", START, 0.5, 5, (-0.2, 0.21, 0.0))), speeds=True
+    )
     assert q.shape == v.shape == (CHECKED, 2)
     path = Path(robot, program(SLOW, *DETOUR, MoveL((-0.05, 0.0, 0.0))))
-    t, ends = path.segments[0].instants(CHECKED), np.cumsum([s.length for s in path.segments[0].curve.sections])
+    t, ends = (
+        path.segments[0].instants(CHECKED),
+        np.cumsum([s.length for s in path.segments[0].curve.sections]),
+    )
     place = path.segments[0].law(t)[:, 0]
     inside = np.histogram(place, [0.0, *ends])[0]
     assert (inside >= 16).all() and len(inside) == 9 and (np.diff(t) > 0).all()
     assert np.abs(np.interp(ends[:-1], place, place) - ends[:-1]).max() < 1e-9
-    mixed = program(MoveJ((0.4, -1.2)), MoveL((-0.1, 0.0, 0.0)), joint_profile=(1.0, 5.0, 60.0, 900.0))
+    mixed = program(
+        MoveJ((0.4, -1.2)), MoveL((-0.1, 0.0, 0.0)), joint_profile=(1.0, 5.0, 60.0, 900.0)
+    )
     first, second = joints_along(Path(robot, mixed))
-    assert np.abs(first[0][-1] - (0.4, -1.2)).max() < 1e-12 and np.abs(second[0][0] - (0.4, -1.2)).max() < 1e-9
+    assert (
+        np.abs(first[0][-1] - (0.4, -1.2)).max() < 1e-12
+        and np.abs(second[0][0] - (0.4, -1.2)).max() < 1e-9
+    )
 
 
 def test_many_instants_are_solved_as_one_by_one() -> None:
@@ -123,8 +155,13 @@ def test_many_instants_are_solved_as_one_by_one() -> None:
         assert np.abs(found - expected).max() < 1e-9
     targets = sample.y[:, :, 0]
     assert kinematics._at_once(targets, expected + 0.01, np.zeros_like(expected)) is not None
-    other = np.stack([expected[:, 0] + expected[:, 1], -expected[:, 1]], axis=1)  # the elbow on the other side
+    # the elbow on the other side
+    other = np.stack([expected[:, 0] + expected[:, 1], -expected[:, 1]], axis=1)
     assert kinematics._at_once(targets, other - 0.3, np.zeros_like(expected)) is None
-    assert kinematics._at_once(targets, np.zeros_like(expected), np.ones_like(expected)) is None  # singular
+    # singular
+    assert kinematics._at_once(targets, np.zeros_like(expected), np.ones_like(expected)) is None
     kinematics._at_once = lambda *given: None  # type: ignore[method-assign]
-    assert np.abs(kinematics.follow_many(sample, np.array(START), t / path.duration) - expected).max() < 1e-9
+    assert (
+        np.abs(kinematics.follow_many(sample, np.array(START), t / path.duration) - expected).max()
+        < 1e-9
+    )

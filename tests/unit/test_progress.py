@@ -16,16 +16,16 @@ import flexgen
 from flexgen import progress
 from flexgen.errors import ArgumentError
 
-CODE = (
-    "import flexgen, flexgen.progress as p\np.QUIET = 0.0\ns = flexgen.solve('elbow', {arguments})\nprint(s.status)\n"
-)
+CODE = "import flexgen, flexgen.progress as p\np.QUIET = 0.0\ns = flexgen.solve('elbow', {arguments})\nprint(s.status)\n"
 
 
 def on_a_terminal(code: str) -> tuple[str, str]:
     """Standard output, and standard error where it is a terminal."""
     master, slave = pty.openpty()
     try:
-        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=slave, text=True) as process:
+        with subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=slave, text=True
+        ) as process:
             os.close(slave)
             out, seen = process.communicate()[0], b""
             while True:
@@ -57,7 +57,9 @@ def test_progress_can_be_switched_off():
 def test_pipes_show_nothing_unless_asked():
     for arguments, shows in (("", False), ("progress=True", True)):
         code = CODE.format(arguments=arguments)
-        found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        found = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
         assert found.stdout == "solved\n" and ("deriving" in found.stderr) == shows
 
 
@@ -70,7 +72,9 @@ def test_functions_get_every_message():
 @pytest.mark.parametrize("verb", ["solve", "generate", "sweep", "simulate"])
 def test_wrong_values_are_refused(verb):
     assert "progress" in inspect.signature(getattr(flexgen, verb)).parameters
-    with pytest.raises(ArgumentError, match=r"^progress: given 'yes', expected a function of one line"):
+    with pytest.raises(
+        ArgumentError, match=r"^progress: given 'yes', expected a function of one line"
+    ):
         getattr(flexgen, verb)("elbow", progress="yes")
 
 
@@ -90,7 +94,8 @@ def test_a_notebook_shows_it_on_standard_output(monkeypatch):
         with progress.reporting(None, "simulate") as inner:
             assert inner is None  # the outer call reports
     assert (
-        sys.stdout.getvalue().endswith("\r" + len("solve: step one (0 s)") * " " + "\r") and not sys.stderr.getvalue()
+        sys.stdout.getvalue().endswith("\r" + len("solve: step one (0 s)") * " " + "\r")
+        and not sys.stderr.getvalue()
     )
 
 

@@ -59,13 +59,20 @@ def test_a_plan_takes_names_moves_and_equations():
 def test_a_plan_is_the_path_that_solve_follows():
     path, solution = flexgen.plan("elbow"), flexgen.solve("elbow", verify=False)
     t = solution.trajectory.time
-    assert np.array_equal(path.sample(t).y[:, :, 0], solution.trajectory["y_ref"]) and path.move == solution.move
+    assert (
+        np.array_equal(path.sample(t).y[:, :, 0], solution.trajectory["y_ref"])
+        and path.move == solution.move
+    )
 
 
 def test_a_plan_refuses_what_does_not_exist_or_cannot_be_reached():
-    with pytest.raises(ArgumentError, match="given 'nosuch', expected one of model planar5_nmp: line"):
+    with pytest.raises(
+        ArgumentError, match="given 'nosuch', expected one of model planar5_nmp: line"
+    ):
         flexgen.plan("planar5_nmp", "nosuch")
-    with pytest.raises(ArgumentError, match=r"given 3, expected the name of a move or a flexgen\.Move"):
+    with pytest.raises(
+        ArgumentError, match=r"given 3, expected the name of a move or a flexgen\.Move"
+    ):
         flexgen.plan("planar5_nmp", 3)
     model = flexgen.read("planar5_nmp")
     far = replace(model.move(), displacement=tuple(100.0 * x for x in model.move().displacement))
@@ -119,7 +126,10 @@ def test_move_beyond_the_range_of_a_joint_is_refused_and_more_time_is_not_advise
     file = tmp_path / "gantry.toml"
     file.write_text(GANTRY)
     for move, far in (("far", "61 m"), ("back", "-1.5 m")):
-        with pytest.raises(SolverError, match=rf"coordinate x goes to {far}, its range is -1 to 1 m; choose another"):
+        with pytest.raises(
+            SolverError,
+            match=rf"coordinate x goes to {far}, its range is -1 to 1 m; choose another",
+        ):
             flexgen.plan(str(file), move)
         assert flexgen.plan(str(file), move, ignore_limits=True).duration == 2.0
         assert main(["plan", str(file), "--move", move]) != 0

@@ -36,7 +36,13 @@ COUNTS = {
     "manutec_r3_30": (6, 6, 18, 30, ()),
     "kr300": (6, 6, 0, 9, ("backlash", "encoders")),
     "kr300_efjm": (6, 6, 8, 20, ()),
-    "planar5_family": (2, 2, 1, 5, ("l_300", "l_490", "l_510", "l_700", "xi_100", "xi_150", "j_1000", "j_1400")),
+    "planar5_family": (
+        2,
+        2,
+        1,
+        5,
+        ("l_300", "l_490", "l_510", "l_700", "xi_100", "xi_150", "j_1000", "j_1400"),
+    ),
     "beam_arm": (2, 2, 2, 6, ()),
     "urdf_arm": (3, 3, 1, 5, ()),
     "two_arm": (5, 5, 1, 11, ()),
@@ -80,8 +86,14 @@ def test_values_of_planar5():
     assert second.origin == nouns.Placement((0.8, 0.0, 0.0)) and second.body.mass == 40.0
     assert third.dofs[0].spring == nouns.LinearSpring(1.5e5) and not third.dofs[0].actuated
     assert third.body.com == (0.225, 0.0, 0.0) and third.body.inertia[2] == (0.0, 0.0, 0.45)
-    assert np.allclose(model.eta.T @ np.diag([m.inertia for m in model.motors]) @ model.eta, np.diag([40, 25]))
-    assert model.output == nouns.Output("tool_position", "xy") and model.gravity == (0.0, -9.81, 0.0)
+    assert np.allclose(
+        model.eta.T @ np.diag([m.inertia for m in model.motors]) @ model.eta, np.diag([40, 25])
+    )
+    assert model.output == nouns.Output("tool_position", "xy") and model.gravity == (
+        0.0,
+        -9.81,
+        0.0,
+    )
     assert math.isclose(math.dist(model.move().displacement, (0, 0, 0)), 0.29)
     undamped = read("planar5_nmp", "undamped")
     assert [undamped.elements[i].dofs[0].gear.damping for i in (0, 1)] == [0.0, 0.0]
@@ -100,7 +112,10 @@ def test_moves_of_the_manutec_respect_its_speeds():
 
 def chain(model, q):
     """Frames of the bodies (rotation, position) and the joints' axes, for a chain of rotations; own equations."""
-    turn, place = np.array(model.base.rotation, dtype=complex), np.array(model.base.position, dtype=complex)
+    turn, place = (
+        np.array(model.base.rotation, dtype=complex),
+        np.array(model.base.position, dtype=complex),
+    )
     bodies, axes = [], []
     for element in model.elements:
         for constant in (element.origin, None, element.link):
@@ -110,7 +125,9 @@ def chain(model, q):
                     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
                     axes.append((turn @ dof.axis, place))
                     angle = q[len(axes) - 1]
-                    turn = turn @ (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+                    turn = turn @ (
+                        np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+                    )
             else:
                 place = place + turn @ constant.position
                 turn = turn @ np.array(constant.rotation)
@@ -127,7 +144,11 @@ def energy(model, q):
         speed, spin = np.zeros((2, 3, model.n_a), dtype=complex)
         for i, (axis, point) in enumerate(axes[:count]):
             speed[:, i], spin[:, i] = np.cross(axis, centre - point), axis
-        mass = mass + body.mass * speed.T @ speed + spin.T @ turn @ np.array(body.inertia) @ turn.T @ spin
+        mass = (
+            mass
+            + body.mass * speed.T @ speed
+            + spin.T @ turn @ np.array(body.inertia) @ turn.T @ spin
+        )
         potential = potential - body.mass * np.array(model.gravity) @ centre
     return mass, potential
 
@@ -135,7 +156,9 @@ def energy(model, q):
 def derivatives(model, q):
     """Derivatives of mass matrix and potential by complex steps."""
     out = [energy(model, q + 1e-30j * unit) for unit in np.eye(model.n_a)]
-    return np.array([mass.imag for mass, _ in out]) / 1e-30, np.array([potential.imag for _, potential in out]) / 1e-30
+    return np.array([mass.imag for mass, _ in out]) / 1e-30, np.array(
+        [potential.imag for _, potential in out]
+    ) / 1e-30
 
 
 @pytest.mark.parametrize("variant", [None, "payload"])
@@ -152,14 +175,24 @@ def test_elbow_has_the_closed_form(variant):
         h = m2 * l1 * x2 * cos(q2)
         slope, gravity = derivatives(model, q)
         coriolis = np.einsum("kij,k,j->i", slope, v, v) - 0.5 * np.einsum("ijk,j,k->i", slope, v, v)
-        assert np.allclose(energy(model, q)[0], [[m11, m12], [m12, j2 + m2 * x2**2]], rtol=1e-13, atol=1e-10)
-        assert np.allclose(coriolis, [-h * (2 * v1 * v2 + v2**2), h * v1**2], rtol=1e-12, atol=1e-10)
+        assert np.allclose(
+            energy(model, q)[0], [[m11, m12], [m12, j2 + m2 * x2**2]], rtol=1e-13, atol=1e-10
+        )
+        assert np.allclose(
+            coriolis, [-h * (2 * v1 * v2 + v2**2), h * v1**2], rtol=1e-12, atol=1e-10
+        )
         g2 = -g * m2 * x2 * cos(both)
-        assert np.allclose(gravity, [-g * (m1 * x1 + m2 * l1) * sin(q1) + g2, g2], rtol=1e-12, atol=1e-10)
+        assert np.allclose(
+            gravity, [-g * (m1 * x1 + m2 * l1) * sin(q1) + g2, g2], rtol=1e-12, atol=1e-10
+        )
         tool = chain(model, q)[2]
-        assert np.allclose(tool, [l1 * sin(q1) + l2 * cos(both), 0, l1 * cos(q1) - l2 * sin(both)], atol=1e-14)
+        assert np.allclose(
+            tool, [l1 * sin(q1) + l2 * cos(both), 0, l1 * cos(q1) - l2 * sin(both)], atol=1e-14
+        )
     assert np.allclose(
-        model.eta.T @ np.diag([m.inertia for m in model.motors]) @ model.eta, np.diag([843.9, 751.3]), 1e-4
+        model.eta.T @ np.diag([m.inertia for m in model.motors]) @ model.eta,
+        np.diag([843.9, 751.3]),
+        1e-4,
     )
 
 
@@ -177,7 +210,12 @@ def test_kr300_follows_its_table():
     q = np.array([0.3, -1.2, 1.4, 0.5, -0.6, 0.7])
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     for angle, (a, d, alpha, offset) in zip(q, table, strict=True):
-        ct, st, ca, sa = math.cos(angle + offset), math.sin(angle + offset), math.cos(alpha), math.sin(alpha)
+        ct, st, ca, sa = (
+            math.cos(angle + offset),
+            math.sin(angle + offset),
+            math.cos(alpha),
+            math.sin(alpha),
+        )
         pose = pose @ [
             [ct, -st * ca, st * sa, a * ct],
             [st, ct * ca, -ct * sa, a * st],
@@ -186,7 +224,9 @@ def test_kr300_follows_its_table():
         ]
     pose = pose @ [[0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
     _, _, place, turn = chain(model, q)
-    assert np.allclose(place, pose[:3, 3], atol=1e-14) and np.allclose(turn, pose[:3, :3], atol=1e-14)
+    assert np.allclose(place, pose[:3, 3], atol=1e-14) and np.allclose(
+        turn, pose[:3, :3], atol=1e-14
+    )
     assert model.elements[0].dofs[0].lower == math.radians(-147)
 
 
@@ -205,7 +245,9 @@ def test_four_mass_output_and_inertias():
 def test_rotations_are_exact_at_right_angles():
     assert rotation_matrix((90.0, 0.0, 0.0), True) == ((1, 0, 0), (0, 0, -1), (0, 1, 0))
     assert rotation_matrix((math.pi / 2, 0.0, 0.0), False) == ((1, 0, 0), (0, 0, -1), (0, 1, 0))
-    assert rotation_matrix((180.0, -90.0, 270.0), True) == rotation_matrix((math.pi, -math.pi / 2, -math.pi / 2), False)
+    assert rotation_matrix((180.0, -90.0, 270.0), True) == rotation_matrix(
+        (math.pi, -math.pi / 2, -math.pi / 2), False
+    )
     for rpy in ((10.0, 20.0, 30.0), (-100.0, 95.0, 300.0)):
         a, b, c = np.radians(rpy)
         x = [[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]]
@@ -217,19 +259,28 @@ def test_rotations_are_exact_at_right_angles():
 def test_units_and_forms(good):
     model = read(good)
     assert model.home == tuple(map(math.radians, (10.0, 20.0, -30.0)))
-    assert model.base == nouns.Placement((0.0, 0.0, 0.5), ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    assert model.base == nouns.Placement(
+        (0.0, 0.0, 0.5), ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    )
     assert model.elements[0].dofs[0].axis == (0.0, 0.0, 1.0)
     assert model.elements[1].body.inertia == ((0.5, 0.01, 0.0), (0.01, 0.5, 0.0), (0.0, 0.0, 0.5))
     assert (model.move("turn").start, model.move("turn").end) == ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))
     assert isinstance(model.move("turn").duration, float)
-    turned = read(good, overrides={"output": {"type": "tool_pose"}, "move.line.rotation_deg": [0, 0, 180]})
+    turned = read(
+        good, overrides={"output": {"type": "tool_pose"}, "move.line.rotation_deg": [0, 0, 180]}
+    )
     assert turned.move("line").rotation == (0.0, 0.0, math.pi)
     changes = {"output": {"type": "joint", "joints": ["q2", "e1"]}, "move": []}
     joint = read(good, overrides=changes).output
-    assert joint == nouns.Output("combination", "", ((0, 0, 1, 0, 0, 0), (0, 1, 0, 0, 0, 0)), "mixed")
+    assert joint == nouns.Output(
+        "combination", "", ((0, 0, 1, 0, 0, 0), (0, 1, 0, 0, 0, 0)), "mixed"
+    )
     assert not read(good, overrides=changes).moves
     changes["output"] = {"type": "joint", "joints": "q3"}
-    assert (read(good, overrides=changes).output.size, read(good, overrides=changes).output.unit) == (1, "rad")
+    assert (
+        read(good, overrides=changes).output.size,
+        read(good, overrides=changes).output.unit,
+    ) == (1, "rad")
 
 
 def test_translations_in_a_posture_are_in_m(good):
@@ -252,14 +303,17 @@ def test_variants_set_and_remove(good):
     assert stiff.elements[0].dofs[0].gear == nouns.Gear(rigid=True)
     assert (plain.variant, stiff.variant, stiff.variants) == ("", "stiff", ("stiff",))
     assert read(good, "stiff") == stiff
-    assert read(good, "stiff", {"motor.m1.friction": {"viscous": 2}}).motors[0].friction.viscous == 2.0
+    assert (
+        read(good, "stiff", {"motor.m1.friction": {"viscous": 2}}).motors[0].friction.viscous == 2.0
+    )
 
 
 def test_text_depends_on_the_data_only(good, tmp_path):
     plain = read(good)
     same = tmp_path / "same.toml"
     same.write_text(
-        "# a comment\n" + GOOD.replace("for tests", "other words").replace("duration = 1\n", "duration = 1.0\n")
+        "# a comment\n"
+        + GOOD.replace("for tests", "other words").replace("duration = 1\n", "duration = 1.0\n")
     )
     assert read(same).text == plain.text
     assert read(good, "stiff").text != plain.text
@@ -269,10 +323,14 @@ def test_text_depends_on_the_data_only(good, tmp_path):
 
 
 def test_overrides(good):
-    assert read(good, overrides={"motor.m2.ratio": np.array([10.0, 1.0])}).motors[1].ratio == (10.0, 1.0)
+    assert read(good, overrides={"motor.m2.ratio": np.array([10.0, 1.0])}).motors[1].ratio == (
+        10.0,
+        1.0,
+    )
     assert read(good, overrides={"payload.mass": np.float64(3)}).payload.mass == 3.0
     with pytest.raises(
-        ModelError, match=r"good\.toml, changed by --set or overrides: payload\.weight: given an unknown key, expected "
+        ModelError,
+        match=r"good\.toml, changed by --set or overrides: payload\.weight: given an unknown key, expected ",
     ):
         read(good, overrides={"payload.weight": 1})
     with pytest.raises(
@@ -285,7 +343,13 @@ def test_overrides(good):
     for wrong in ({3: 1}, {"payload.mass": loop}):
         with pytest.raises(ArgumentError):
             read(good, overrides=wrong)
-    for wrong in ({"payload.mass": None}, {"payload.mass": object()}, {"payload": {1: 2}}, {"": 1}, {"name.x": 1}):
+    for wrong in (
+        {"payload.mass": None},
+        {"payload.mass": object()},
+        {"payload": {1: 2}},
+        {"": 1},
+        {"name.x": 1},
+    ):
         with pytest.raises(ModelError):
             read(good, overrides=wrong)
 
@@ -294,7 +358,13 @@ def test_legs_of_a_move_are_lines_and_arcs():
     """Zones where the tool does not stop, none in the last leg; speeds in a move with a profile only."""
     first = {"displacement": [0.1, 0, -0.2], "zone": 0.05, "rotation_deg": [0, 90, 0], "speed": 0.5}
     last = {"displacement": [0.3, 0, 0], "via": [0.15, 0, 0.1]}
-    row = {"name": "corner", "type": "tool_polyline", "start_deg": [30.0, -20.0], "radius": 0.2, "smoothness": 6}
+    row = {
+        "name": "corner",
+        "type": "tool_polyline",
+        "start_deg": [30.0, -20.0],
+        "radius": 0.2,
+        "smoothness": 6,
+    }
 
     def move(*legs: dict, **more: object) -> Move:
         moved = {"move": [{**row, **more, "legs": list(legs)}], "output": {"type": "tool_pose"}}
@@ -306,7 +376,9 @@ def test_legs_of_a_move_are_lines_and_arcs():
     assert found.legs == (line, MoveC((0.3, 0.0, 0.0), via=(0.15, 0.0, 0.1)))
     assert (found.profile, found.radius, found.type) == ((1.0, 4.0, 50.0), 0.2, "tool_polyline")
     slow = {key: x for key, x in first.items() if key != "speed"}
-    assert move(slow, last, duration=1.5).legs[0] == MoveL((0.1, 0.0, -0.2), zone=0.05, rotation=turn)
+    assert move(slow, last, duration=1.5).legs[0] == MoveL(
+        (0.1, 0.0, -0.2), zone=0.05, rotation=turn
+    )
     for legs, where in (
         ((first, last), "legs[0].speed"),
         ((slow, last | {"zone": 0.1}), "legs[1].zone"),
@@ -332,7 +404,9 @@ def test_lookup(good, monkeypatch):
     assert read("good@stiff").file == str(good)
     monkeypatch.setenv("FLEXGEN_MODELS", str(good))
     for call in (model_names, lambda: read("elbow")):
-        with pytest.raises(ArgumentError, match=r"FLEXGEN_MODELS: given '.*good.toml', which is not a folder"):
+        with pytest.raises(
+            ArgumentError, match=r"FLEXGEN_MODELS: given '.*good.toml', which is not a folder"
+        ):
             call()
     assert read(good).name == "robot"  # a path needs no folder
     monkeypatch.delenv("FLEXGEN_MODELS")
@@ -374,7 +448,9 @@ def test_the_models_of_an_installed_package_are_inside_it(good, tmp_path, monkey
     monkeypatch.chdir(package.parent.parent)
     assert model_names() == ["inside"]
     assert read("inside").name == read(good).name
-    with pytest.raises(ArgumentError, match=r"given 'beside', expected .* or inside \(there are: inside\)"):
+    with pytest.raises(
+        ArgumentError, match=r"given 'beside', expected .* or inside \(there are: inside\)"
+    ):
         read("beside")
 
 
@@ -400,7 +476,9 @@ def test_byte_order_mark_and_size(good):
         read(good)
     spring = 'type = "rotation"\naxis = [0, 0, 1]\nspring = { type = "linear", stiffness = 1.0 }\n'
     many = "".join(f'[[element.dof]]\nname = "x{k}"\n{spring}' for k in range(1500))
-    good.write_text(GOOD.replace('[[element]]\nname = "second"', f'{many}[[element]]\nname = "second"'))
+    good.write_text(
+        GOOD.replace('[[element]]\nname = "second"', f'{many}[[element]]\nname = "second"')
+    )
     with pytest.raises(ModelError, match="given 1506 coordinates, expected at most 64"):
         read(good)
 
@@ -425,7 +503,10 @@ def test_every_key_of_a_shipped_file_is_located():
         def look(entry, key, lines=lines):
             if isinstance(entry.value, dict):
                 for name, child in entry.value.items():
-                    assert re.search(rf"\b{re.escape(name)}\b", lines[child.line - 1]), (name, child.line)
+                    assert re.search(rf"\b{re.escape(name)}\b", lines[child.line - 1]), (
+                        name,
+                        child.line,
+                    )
                     look(child, name)
             elif isinstance(entry.value, list):
                 for child in entry.value:
@@ -437,7 +518,9 @@ def test_every_key_of_a_shipped_file_is_located():
 
 
 def test_tables_and_keys_have_the_line_where_they_are_first_named():
-    text = "first = 1\n\n[a.b]\nc = 2\n[a]\nd = {\n}\n[[many]]\n[[many]]\ne = [\n1]\n".replace("{\n}", "{ x = 1 }")
+    text = "first = 1\n\n[a.b]\nc = 2\n[a]\nd = {\n}\n[[many]]\n[[many]]\ne = [\n1]\n".replace(
+        "{\n}", "{ x = 1 }"
+    )
     lines = Scanner(text).lines
     expected = {
         ("first",): 1,

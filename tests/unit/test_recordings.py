@@ -66,7 +66,9 @@ def written(folder: Path, text: str = TEXT, **changes: np.ndarray) -> Path:
     np.savez(folder / "run.npz", **arrays)
     savemat(folder / "run.mat", {name: x.reshape(-1, 1) for name, x in arrays.items()})
     rows = np.stack([np.resize(x, 1000) for x in arrays.values()], axis=1)
-    np.savetxt(folder / "run.csv", rows, delimiter=",", header=",".join(arrays), comments="", fmt="%.17g")
+    np.savetxt(
+        folder / "run.csv", rows, delimiter=",", header=",".join(arrays), comments="", fmt="%.17g"
+    )
     return folder / "recordings.toml"
 
 
@@ -80,7 +82,9 @@ def test_spectra_of_a_recording(ending, tmp_path):
     speed = np.sqrt((0.01 * 2 * np.pi * 10) ** 2 / 2 + (0.001 * 2 * np.pi * 30) ** 2 / 2)
     assert found.speed_sd[0, 0] == pytest.approx(speed)
     data = flexgen.frf(found)
-    assert data.sample_s == pytest.approx(T) and np.allclose(data.G[0, 0], -((2 * np.pi * 10) ** 2) * 0.01 / -0.5j)
+    assert data.sample_s == pytest.approx(T) and np.allclose(
+        data.G[0, 0], -((2 * np.pi * 10) ** 2) * 0.01 / -0.5j
+    )
 
 
 def test_units_and_sides_are_converted(tmp_path):
@@ -100,7 +104,9 @@ def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
     t = np.round(1e6 * np.arange(1000) / 1024) / 1e6
     file = written(tmp_path, TEXT + '\n[[recording]]\nfile = "other.npz"\npose_rad = [0.0]\n', t=t)
     for rate in (1.0, 1.001):
-        np.savez(tmp_path / "other.npz", t=5.0 + rate * t[:900], current=TORQUE[:900], angle=ANGLE[:900])
+        np.savez(
+            tmp_path / "other.npz", t=5.0 + rate * t[:900], current=TORQUE[:900], angle=ANGLE[:900]
+        )
         if rate == 1.0:
             assert len({one.sample_s for _, one in read_description(file).recordings}) == 2
     with pytest.raises(ArgumentError, match=r"sample times .*, expected one"):
@@ -110,20 +116,35 @@ def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"angle": np.where(TIME[17] == TIME, np.nan, ANGLE)}, "channel 'angle': sample 17 is not a finite number"),
-        ({"t": np.where(TIME > 0.5, TIME + 0.01, TIME)}, r"time goes from 0\.5 to 0\.511 s at sample 500, .* lost"),
+        (
+            {"angle": np.where(TIME[17] == TIME, np.nan, ANGLE)},
+            "channel 'angle': sample 17 is not a finite number",
+        ),
+        (
+            {"t": np.where(TIME > 0.5, TIME + 0.01, TIME)},
+            r"time goes from 0\.5 to 0\.511 s at sample 500, .* lost",
+        ),
         ({"t": TIME * 1e3}, "expected at least two periods|whole number"),
         ({"t": -TIME}, "time goes from"),
         ({"current": 0 * TORQUE}, r"torque of motor m1 \('current'\): the same value at all times"),
         ({"angle": 0 * ANGLE + 1}, r"angle of motor m1 \('angle'\): the same value"),
-        ({"current": np.clip(TORQUE, -0.9, 0.9)}, r"at its limit of 0\.45 N m at t = .*: excite less"),
-        ({"angle": np.where(TIME > 0.3, ANGLE + 6.28, ANGLE)}, r"jumps by 6\.\d+ rad at t = 0\.3 s: the encoder wraps"),
+        (
+            {"current": np.clip(TORQUE, -0.9, 0.9)},
+            r"at its limit of 0\.45 N m at t = .*: excite less",
+        ),
+        (
+            {"angle": np.where(TIME > 0.3, ANGLE + 6.28, ANGLE)},
+            r"jumps by 6\.\d+ rad at t = 0\.3 s: the encoder wraps",
+        ),
         (
             {"angle": ANGLE[HELD]},
             r"m1 .*: stands still and jumps \d+ times, first at t = 0\.\d+ s: samples are lost",
         ),
         ({"angle": ANGLE[:900]}, "given 900 samples, expected 1000"),
-        ({"angle": np.ones((1000, 2))}, r"channel 'angle': given shape \(1000, 2\), expected numbers"),
+        (
+            {"angle": np.ones((1000, 2))},
+            r"channel 'angle': given shape \(1000, 2\), expected numbers",
+        ),
     ],
 )
 def test_recordings_that_cannot_be_used_are_refused(changes, words, tmp_path):
@@ -138,8 +159,16 @@ def test_recordings_that_cannot_be_used_are_refused(changes, words, tmp_path):
         ('unit = "rad"', 'unit = "degrees"', "expected one of|deg"),
         ('side = "motor"\n\n[[angle]]', "\n[[angle]]", "side: given nothing"),
         ("constant = 0.5\n", "", "constant: given nothing, expected a number"),
-        ('motor = "m1"\nname = "angle"', 'motor = "m2"\nname = "angle"', "motor: given .m2.|expected .*m1"),
-        ('name = "angle"', 'name = "theta"', "given no channel 'theta', expected one of angle, current, t"),
+        (
+            'motor = "m1"\nname = "angle"',
+            'motor = "m2"\nname = "angle"',
+            "motor: given .m2.|expected .*m1",
+        ),
+        (
+            'name = "angle"',
+            'name = "theta"',
+            "given no channel 'theta', expected one of angle, current, t",
+        ),
         ("pose_rad = [0.0]", "pose = [0.0]", "pose_rad or pose_deg"),
         ("pose_rad = [0.0]", "pose_rad = [0.0, 1.0]", "pose_rad"),
         ('file = "run.npz"', 'file = "none.npz"', "the path of a file"),
@@ -159,8 +188,13 @@ def test_mistakes_in_the_description_are_named(old, new, words, tmp_path):
 def test_a_pose_beyond_the_limits_of_the_joints_is_refused(tmp_path):
     """As of degrees under pose_rad."""
     file = written(tmp_path, TEXT.replace("pose_rad = [0.0]", "pose_rad = [30.0]"))
-    (tmp_path / "bench.toml").write_text(BENCH.read_text().replace("axis =", "lower_deg = -90\nupper_deg = 90\naxis ="))
-    with pytest.raises(ModelError, match=r"pose_rad: given \[30.0\], .*goes to 30 rad, its range is -1.571 to 1.571"):
+    (tmp_path / "bench.toml").write_text(
+        BENCH.read_text().replace("axis =", "lower_deg = -90\nupper_deg = 90\naxis =")
+    )
+    with pytest.raises(
+        ModelError,
+        match=r"pose_rad: given \[30.0\], .*goes to 30 rad, its range is -1.571 to 1.571",
+    ):
         read_experiment(file)
 
 
@@ -176,10 +210,15 @@ def test_a_damaged_file_is_refused(tmp_path):
     file = written(tmp_path, TEXT.replace("run.npz", "run.csv"))
     (tmp_path / "run.csv").write_text("t,current,angle\n1,2\n3,4,5\n")
     expected = r"; expected names in line 1, then numbers with a decimal point, and commas between the columns"
-    with pytest.raises(ArgumentError, match=rf"run\.csv: cannot be read: the number of columns changed .*2{expected}$"):
+    with pytest.raises(
+        ArgumentError,
+        match=rf"run\.csv: cannot be read: the number of columns changed .*2{expected}$",
+    ):
         read_experiment(file)
     (tmp_path / "run.csv").write_text("t,current,angle\n")
-    with pytest.raises(ArgumentError, match=r"run\.csv: cannot be read: no numbers; expected names"):
+    with pytest.raises(
+        ArgumentError, match=r"run\.csv: cannot be read: no numbers; expected names"
+    ):
         read_experiment(file)
     with pytest.raises(ArgumentError, match="which is not a file"):
         read_experiment(tmp_path / "none.toml")

@@ -19,7 +19,9 @@ def hold(x: np.ndarray, count: int, burst: int) -> np.ndarray:
     return x[kept]
 
 
-@pytest.mark.parametrize(("noise", "count"), [(0.0, 0.0), (1e-5, 0.0), (1e-5, 2e-5), (1e-4, 2e-5), (0.0, 1e-4)])
+@pytest.mark.parametrize(
+    ("noise", "count"), [(0.0, 0.0), (1e-5, 0.0), (1e-5, 2e-5), (1e-4, 2e-5), (0.0, 1e-4)]
+)
 def test_lost_samples_are_found_and_friction_is_not_one(noise: float, count: float) -> None:
     """Bursts of five are found with noise and with coarse encoders; an axis that sticks where it turns is not."""
 
@@ -44,7 +46,9 @@ def test_a_transient_is_found_and_noise_is_not_one() -> None:
     """None of 300 records of noise, also where few lines have most of it; each with a transient, in its channel."""
     assert all((first_period_excess(spectra(0.0, seed=k)) == 1.0).all() for k in range(300))
     colored = np.r_[np.full(3, 30.0), np.ones(37)][:, None]
-    assert all((first_period_excess(colored * spectra(0.0, seed=k)) == 1.0).all() for k in range(300))
+    assert all(
+        (first_period_excess(colored * spectra(0.0, seed=k)) == 1.0).all() for k in range(300)
+    )
     assert (first_period_excess(1e9 + 1e3 * spectra(8.0)) == 1.0).all()  # too small to matter
     for k in range(20):
         first, second = first_period_excess(spectra(8.0, seed=k))
@@ -58,8 +62,10 @@ def test_a_slow_transient_is_in_all_periods() -> None:
         turned = factor * np.exp(2.1j)  # of a vibration whose frequency is between the lines
         X[..., 1] += 5.0 * (turned ** np.arange(4))[:, None] / (1 + 0.1j * np.arange(40))
         assert slow_transients(X).tolist() == [False, slow]
-        assert first_period_excess(X)[1] > 1.4 or factor > 0.8  # the slowest one is in all periods alike
-        assert (first_period_excess(X[:, 1:])[1] > 1.4) == (0.01 < factor < 0.9)  # in the second one, too
+        # the slowest one is in all periods alike
+        assert first_period_excess(X)[1] > 1.4 or factor > 0.8
+        # in the second one, too
+        assert (first_period_excess(X[:, 1:])[1] > 1.4) == (0.01 < factor < 0.9)
         assert not slow_transients(1e6 + X).any()  # too small to matter
     assert not any(slow_transients(spectra(0.0, seed=k)).any() for k in range(300))
     colored = np.r_[np.full(3, 30.0), np.ones(37)][:, None]

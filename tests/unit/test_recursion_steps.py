@@ -37,11 +37,21 @@ def torques(chain, given, columns=True) -> np.ndarray:
     n, tape = len(chain.joints), Tape()
     symbols = [ca.SX.sym(name, n) for name in ("q_a", "v_a", "a_a")]
     tau = inverse_dynamics(tape, chain, *(tape.vector(x) for x in symbols), [columns] * n)
-    return values(ca.Function("tau", symbols, [ca.vertcat(*tape.build(tau))], ["q_a", "v_a", "a_a"], ["tau"]), given)[0]
+    return values(
+        ca.Function("tau", symbols, [ca.vertcat(*tape.build(tau))], ["q_a", "v_a", "a_a"], ["tau"]),
+        given,
+    )[0]
 
 
 @pytest.mark.parametrize(
-    "name", ["manutec_r3", pytest.param("synthetic_elastic", marks=pytest.mark.slow), "dense7", "sliding8", "six_axes"]
+    "name",
+    [
+        "manutec_r3",
+        pytest.param("synthetic_elastic", marks=pytest.mark.slow),
+        "dense7",
+        "sliding8",
+        "six_axes",
+    ],
 )
 def test_regrouping_changes_no_torque(name):
     """Whatever is kept or moved on, torques and mass matrix stay."""
@@ -54,7 +64,11 @@ def test_regrouping_changes_no_torque(name):
             check(equations, "inverse_dynamics", given, [torques(chain, given, columns)])
         for _ in range(4):
             kept = [
-                KeptInertia(str(rng.choice(["none", "all", "balance"])), bool(rng.integers(2)), bool(rng.integers(2)))
+                KeptInertia(
+                    str(rng.choice(["none", "all", "balance"])),
+                    bool(rng.integers(2)),
+                    bool(rng.integers(2)),
+                )
                 for _ in range(n)
             ]
             grouped = regroup(chain, kept)
@@ -62,7 +76,10 @@ def test_regrouping_changes_no_torque(name):
             tape, q = Tape(), ca.SX.sym("q", n)
             M = tape.build([x for row in mass_matrix(tape, grouped, tape.vector(q)) for x in row])
             check(
-                equations, "mass_matrix", given, [ca.Function("M", [q], [ca.vertcat(*M)])(s.q_a).full().reshape(n, n)]
+                equations,
+                "mass_matrix",
+                given,
+                [ca.Function("M", [q], [ca.vertcat(*M)])(s.q_a).full().reshape(n, n)],
             )
 
 
@@ -75,7 +92,9 @@ def test_regrouping_empties_what_it_can():
         assert before.inertia.first[np.argmax(np.abs(joint.place))] == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", ["manutec_r3_efjm", "synthetic_mixed", "dense7", "sliding8", "six_axes"])
+@pytest.mark.parametrize(
+    "name", ["manutec_r3_efjm", "synthetic_mixed", "dense7", "sliding8", "six_axes"]
+)
 def test_frames_are_modified_denavit_hartenberg(name):
     """Modified Denavit-Hartenberg: no way across the axes' normals, one angle about x; the tool is where it was."""
     equations = equations_of(name)
@@ -97,7 +116,9 @@ def test_frames_are_modified_denavit_hartenberg(name):
     for s in some_states(equations.model):
         expected = values(equations.function("forward_kinematics"), {"q_a": s.q_a})
         found = pose(s.q_a).full().ravel()
-        assert largest(found - np.concatenate([x.ravel() for x in expected])) <= EXACT * max(1.0, largest(expected[0]))
+        assert largest(found - np.concatenate([x.ravel() for x in expected])) <= EXACT * max(
+            1.0, largest(expected[0])
+        )
 
 
 def two_joints(angle: float) -> RobotModel:
@@ -107,7 +128,10 @@ def two_joints(angle: float) -> RobotModel:
     places = (Placement(), Placement((0.3, 0.0, 0.0), turned))
     elements = [
         Element(
-            f"b{k}", (Dof(f"q{k}", "rotation", (0.0, 0.0, 1.0), gear=Gear(rigid=True)),), place, body=random_body(rng)
+            f"b{k}",
+            (Dof(f"q{k}", "rotation", (0.0, 0.0, 1.0), gear=Gear(rigid=True)),),
+            place,
+            body=random_body(rng),
         )
         for k, place in enumerate(places)
     ]
@@ -158,13 +182,24 @@ def test_axes_that_are_nearly_along_a_coordinate_axis(tilt):
     axes = [(0.0, 1.0, 0.0), (-0.5 * tilt, 1.0, tilt), (tilt, 0.3 * tilt, -1.0), (1.0, tilt, 0.0)]
     plain = dense_chain(4, 5)
     elements = [
-        replace(element, dofs=(replace(element.dofs[0], axis=axis),), origin=Placement(), link=Placement())
+        replace(
+            element,
+            dofs=(replace(element.dofs[0], axis=axis),),
+            origin=Placement(),
+            link=Placement(),
+        )
         for element, axis in zip(plain.elements, axes, strict=True)
     ]
     equations, rng = derive(robot(elements, plain.motors)), np.random.default_rng(2)
     for s in some_states(equations.model, 1):
         given = arguments(s, rng)
-        for name in ("inverse_dynamics", "mass_matrix", "arm_residual_jacobians", "forward_kinematics", "jacobian"):
+        for name in (
+            "inverse_dynamics",
+            "mass_matrix",
+            "arm_residual_jacobians",
+            "forward_kinematics",
+            "jacobian",
+        ):
             check(equations, name, given)
 
 

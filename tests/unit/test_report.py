@@ -26,7 +26,12 @@ from flexgen.plots import solution as figures_of
 from flexgen.reports.html import write_report
 
 ROOT = Path(__file__).resolve().parents[2]
-CASES = [("planar5_nmp", "line"), ("manutec_r3", "line"), ("four_mass@high", "step"), ("beam_arm", "line")]
+CASES = [
+    ("planar5_nmp", "line"),
+    ("manutec_r3", "line"),
+    ("four_mass@high", "step"),
+    ("beam_arm", "line"),
+]
 ALWAYS = ["robot", "torques", "speeds", "deflections", "pole_zero_map", "frequency_response"]
 VOID = {"meta", "br", "hr", "img", "link", "input", "col", "area", "base", "source", "wbr"}
 
@@ -138,7 +143,9 @@ def test_report_without_verification(tmp_path):
     equations, solution = solved("planar5_nmp", "line", verify=False)
     page, text = read_page(write_report(equations, solution, tmp_path))
     assert "not done" in text
-    assert "errors" not in [value for tag, key, value in page.attributes if tag == "figure" and key == "id"]
+    assert "errors" not in [
+        value for tag, key, value in page.attributes if tag == "figure" and key == "id"
+    ]
     assert not (tmp_path / "errors.svg").exists()
     with pytest.raises(ArgumentError, match="not verified"):
         figures_of.errors(equations, solution.trajectory, None)
@@ -151,13 +158,24 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     equations, solution = solved("planar5_nmp", "line")
     measured = dataclasses.replace(solution, status=Status.LIMITS_ACTIVE, plan_error_max_m=1.7e-6)
     text = " ".join(read_page(write_report(equations, measured, tmp_path / "measured"))[1].split())
-    assert "simulated error from the modified path, largest 1.7 µm" in text and "off the path" in text
-    limited = dataclasses.replace(solution, status=Status.LIMITS_ACTIVE, warnings=("motor m1: <b>torque</b> & more",))
-    library = SimpleNamespace(functions=("mass_matrix",), files=("a/planar5_nmp.c",), digest="0123456789abcdef0123")
-    page, text = read_page(
-        write_report(equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf)))
+    assert (
+        "simulated error from the modified path, largest 1.7 µm" in text and "off the path" in text
     )
-    assert "limits active" in text and "The limits are active: the robot deviates from the path" in text
+    limited = dataclasses.replace(
+        solution, status=Status.LIMITS_ACTIVE, warnings=("motor m1: <b>torque</b> & more",)
+    )
+    library = SimpleNamespace(
+        functions=("mass_matrix",), files=("a/planar5_nmp.c",), digest="0123456789abcdef0123"
+    )
+    page, text = read_page(
+        write_report(
+            equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf))
+        )
+    )
+    assert (
+        "limits active" in text
+        and "The limits are active: the robot deviates from the path" in text
+    )
     assert (
         "distance of the tool from the reference at the same time (limits active)" in text
         and "tool error open loop" not in text
@@ -174,8 +192,12 @@ def test_text_of_a_model_cannot_become_markup(tmp_path):
     evil = "<script>alert('x')</script><img src=x onerror=y>\" onload=\"z $\\frac$ </svg>"
     model = dataclasses.replace(equations.model, description=evil, source=evil)
     move = unchecked(solution.move, name=evil)
-    trajectory = dataclasses.replace(solution.trajectory, meta={**solution.trajectory.meta, "move": evil})
-    hostile = dataclasses.replace(solution, model=model, move=move, trajectory=trajectory, verdict=evil, method=evil)
+    trajectory = dataclasses.replace(
+        solution.trajectory, meta={**solution.trajectory.meta, "move": evil}
+    )
+    hostile = dataclasses.replace(
+        solution, model=model, move=move, trajectory=trajectory, verdict=evil, method=evil
+    )
     page, text = read_page(write_report(flexgen.derive(model), hostile, tmp_path))
     assert text.count("<script>alert('x')</script>") >= 4  # shown, not run
     assert not {"script", "img"} & set(page.tags)
@@ -214,7 +236,8 @@ def test_overview_is_small(tmp_path):
 def test_limits_are_drawn_where_they_are_near():
     equations, solution = solved("planar5_nmp", "line")
     motors = tuple(
-        dataclasses.replace(m, torque_max=limit) for m, limit in zip(equations.model.motors, (26, 900), strict=True)
+        dataclasses.replace(m, torque_max=limit)
+        for m, limit in zip(equations.model.motors, (26, 900), strict=True)
     )
     near = flexgen.derive(dataclasses.replace(equations.model, motors=motors))
     figure = figures_of.torques(near, solution.trajectory)
@@ -230,7 +253,9 @@ def test_early_torque_has_a_panel_only_with_unstable_zeros():
         analysis = flexgen.analyze(equations, solution.move.start)
         return [
             axes.get_title(loc="left")
-            for axes in figures_of.torques(equations, solution.trajectory, analysis=analysis).get_axes()
+            for axes in figures_of.torques(
+                equations, solution.trajectory, analysis=analysis
+            ).get_axes()
         ]
 
     assert any("before the path" in title for title in titles("beam_arm", "line"))
@@ -241,7 +266,9 @@ def test_early_torque_has_a_panel_only_with_unstable_zeros():
 def test_end_of_the_path_is_read_from_the_reference():
     for name, move in CASES:
         equations, solution = solved(name, move)
-        assert canvas.path_end(equations, solution.trajectory) == pytest.approx(solution.move.duration)
+        assert canvas.path_end(equations, solution.trajectory) == pytest.approx(
+            solution.move.duration
+        )
 
 
 def test_rigid_machine_has_no_deflections():
@@ -280,7 +307,9 @@ def test_a_row_of_masses_shows_the_output_of_the_motion_that_is_given(simulated,
 
 def test_the_torque_before_the_path_has_a_panel_where_it_acts_early(monkeypatch):
     equations, solution = solved("planar5_nmp", "line")
-    monkeypatch.setattr(figures_of, "_acts_early", lambda trajectory, analysis: analysis is not None)
+    monkeypatch.setattr(
+        figures_of, "_acts_early", lambda trajectory, analysis: analysis is not None
+    )
     analysis = SimpleNamespace(zeros=SimpleNamespace(unstable_time_constant_s=5e-3))
     titles = [
         [
@@ -306,15 +335,28 @@ def test_analysis_is_written(tmp_path):
     path = analysis.report(tmp_path / "a")
     names = ["pole_zero_map", "frequency_response", "compliance", "zeros_along"]
     files = {f"{name}.{end}" for name in names for end in ("svg", "png")}
-    assert {f.name for f in path.parent.iterdir()} == {"index.html", *files} and path.name == "index.html"
+    assert {f.name for f in path.parent.iterdir()} == {
+        "index.html",
+        *files,
+    } and path.name == "index.html"
     assert all(f.stat().st_size > 5000 for f in path.parent.iterdir())
     page, text = read_page(path)
-    assert [value for tag, key, value in page.attributes if tag == "figure" and key == "id"] == names
-    for word in ("planar5_nmp", "Equilibrium", "Modes", "non-minimum phase", *(m.name for m in analysis.model.motors)):
+    assert [
+        value for tag, key, value in page.attributes if tag == "figure" and key == "id"
+    ] == names
+    for word in (
+        "planar5_nmp",
+        "Equilibrium",
+        "Modes",
+        "non-minimum phase",
+        *(m.name for m in analysis.model.motors),
+    ):
         assert word in text
 
 
-@pytest.mark.parametrize("name", ["planar5_mp", "elbow@rigid", "abb_arm", "kr300", "manutec_r3_efjm"])
+@pytest.mark.parametrize(
+    "name", ["planar5_mp", "elbow@rigid", "abb_arm", "kr300", "manutec_r3_efjm"]
+)
 def test_every_machine_has_its_pictures_of_dynamics(name):
     analysis = flexgen.analyze(name)
     for draw in (figures_of.pole_zero_map, figures_of.frequency_response):
@@ -323,7 +365,9 @@ def test_every_machine_has_its_pictures_of_dynamics(name):
             assert axes.lines
 
 
-@pytest.mark.parametrize("x, text", [(1e-4, "10⁻⁴"), (1.0, "1"), (10.0, "10"), (-1e3, "\N{MINUS SIGN}10³"), (0.0, "0")])
+@pytest.mark.parametrize(
+    "x, text", [(1e-4, "10⁻⁴"), (1.0, "1"), (10.0, "10"), (-1e3, "\N{MINUS SIGN}10³"), (0.0, "0")]
+)
 def test_tick_labels(x, text):
     assert canvas.power(x) == text
 
@@ -383,9 +427,14 @@ def test_a_motor_without_torque_has_an_axis_of_the_size_of_the_others():
     equations, solution = solved("planar5_nmp", "line", verify=False)
     tau = solution.trajectory["tau_m"].copy()
     tau[:, 1] = 1e-9 * np.sin(np.arange(len(tau)))
-    trajectory = dataclasses.replace(solution.trajectory, channels={**solution.trajectory.channels, "tau_m": tau})
+    trajectory = dataclasses.replace(
+        solution.trajectory, channels={**solution.trajectory.channels, "tau_m": tau}
+    )
     first, second = (axes for axes in figures_of.torques(equations, trajectory).get_axes())
-    assert second.get_ylim()[1] == pytest.approx(0.1 * np.abs(tau).max() * 1.18) and first.get_ylim()[1] > 20
+    assert (
+        second.get_ylim()[1] == pytest.approx(0.1 * np.abs(tau).max() * 1.18)
+        and first.get_ylim()[1] > 20
+    )
 
 
 def test_a_gear_without_deflection_has_an_axis_of_one_milliradian():
@@ -393,7 +442,9 @@ def test_a_gear_without_deflection_has_an_axis_of_one_milliradian():
     q_a, model = solution.trajectory["q_a"], equations.model
     q_m = q_a[:, list(model.i_g)] @ model.eta.T
     channels = {**solution.trajectory.channels, "q_m": q_m}
-    figure = figures_of.deflections(equations, dataclasses.replace(solution.trajectory, channels=channels))
+    figure = figures_of.deflections(
+        equations, dataclasses.replace(solution.trajectory, channels=channels)
+    )
     axes = figure.get_axes()[-1]
     assert axes.get_ylim() == (-1.0, 1.0) and axes.get_ylabel() == "angle, mrad"
 
@@ -413,7 +464,10 @@ def test_logarithmic_axes_have_labeled_ticks(low, high):
     [
         "elbow",
         "planar5_nmp",
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ("beam_arm", "manutec_r3", "kr300", "four_mass@high")),
+        *(
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("beam_arm", "manutec_r3", "kr300", "four_mass@high")
+        ),
     ],
 )
 def test_the_legend_of_the_robot_is_inside_and_covers_nothing(name):
@@ -423,7 +477,12 @@ def test_the_legend_of_the_robot_is_inside_and_covers_nothing(name):
     renderer = figure.canvas.get_renderer()
     for legend in figure.legends:
         box = legend.get_window_extent(renderer)
-        assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= figure.bbox.width and box.y1 <= figure.bbox.height
+        assert (
+            box.x0 >= 0
+            and box.y0 >= 0
+            and box.x1 <= figure.bbox.width
+            and box.y1 <= figure.bbox.height
+        )
         assert not any(axes.get_tightbbox(renderer).overlaps(box) for axes in figure.get_axes())
     title = figure._suptitle.get_window_extent(renderer)
     assert title.x1 <= figure.bbox.width
@@ -432,7 +491,9 @@ def test_the_legend_of_the_robot_is_inside_and_covers_nothing(name):
 def test_figures_of_the_page_do_not_repeat_its_title(monkeypatch, tmp_path):
     _equations, solution = solved("elbow", None, verify=False)
     drawn = {}
-    monkeypatch.setattr(canvas, "svg", lambda figure, prefix="": drawn.setdefault(prefix, figure) and "<svg ></svg>")
+    monkeypatch.setattr(
+        canvas, "svg", lambda figure, prefix="": drawn.setdefault(prefix, figure) and "<svg ></svg>"
+    )
     monkeypatch.setattr(figures_of, "svg", canvas.svg)
     solution.report(tmp_path)
     titles = [figure.get_suptitle() for prefix, figure in drawn.items() if prefix]
@@ -451,9 +512,16 @@ def test_tables_of_tool_errors_name_what_they_measure(tmp_path):
         "error_max_rad": None,
     }
     other = dataclasses.replace(solution, method="rigid")
-    _page, text = read_page(write_report(equations, solution, tmp_path, compared=(other, solution), robustness=[row]))
-    assert "Tool error by method, start on the path" in text and "Robustness: tool error including static sag" in text
-    assert "is not part of this error" in text and "is part of this error" in text and "4.2 mm" in text
+    _page, text = read_page(
+        write_report(equations, solution, tmp_path, compared=(other, solution), robustness=[row])
+    )
+    assert (
+        "Tool error by method, start on the path" in text
+        and "Robustness: tool error including static sag" in text
+    )
+    assert (
+        "is not part of this error" in text and "is part of this error" in text and "4.2 mm" in text
+    )
 
 
 def test_early_torque_has_a_panel_where_it_is_visible():
@@ -469,10 +537,14 @@ def test_an_error_after_the_samples_is_explained():
 
     solution = flexgen.solve("manutec_r3", "line", progress=False)
     assert _after_the_samples(solution) == ""
-    solution = dataclasses.replace(solution, simulation=dataclasses.replace(solution.simulation, tool_error_max_m=5e-7))
+    solution = dataclasses.replace(
+        solution, simulation=dataclasses.replace(solution.simulation, tool_error_max_m=5e-7)
+    )
     assert "they also cover the time after the samples" in _after_the_samples(solution)
     assert _after_the_samples(flexgen.solve("planar5_nmp", "line", progress=False)) == ""
-    assert _after_the_samples(flexgen.solve("manutec_r3", "line", verify=False, progress=False)) == ""
+    assert (
+        _after_the_samples(flexgen.solve("manutec_r3", "line", verify=False, progress=False)) == ""
+    )
 
 
 @pytest.mark.slow
@@ -481,13 +553,21 @@ def test_the_picture_of_the_readme_is_the_overview_of_today():
 
     def words(text):
         found = re.findall(r"<!-- (.*?) -->", text)
-        return [word for word in found if re.search("[a-z]{2}", word) and not word.startswith("largest ")]
+        return [
+            word
+            for word in found
+            if re.search("[a-z]{2}", word) and not word.startswith("largest ")
+        ]
 
     equations, solution = solved("planar5_nmp@soft", "line")
-    now = canvas.svg(figures_of.overview(equations, solution.trajectory, solution.simulation, end=0.5))
+    now = canvas.svg(
+        figures_of.overview(equations, solution.trajectory, solution.simulation, end=0.5)
+    )
     assert "torques before the path starts" in now
     stored = (ROOT / "models" / "pictures" / "planar5_nmp_soft.svg").read_text(encoding="utf-8")
-    assert words(now) == [word for word in words(stored) if word != "flexgen"] and len(words(now)) > 8
+    assert (
+        words(now) == [word for word in words(stored) if word != "flexgen"] and len(words(now)) > 8
+    )
 
 
 def test_the_axis_of_a_motion_that_decays_for_long_ends_soon_after_the_path() -> None:

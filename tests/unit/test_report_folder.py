@@ -33,7 +33,9 @@ def test_files_of_others_are_not_replaced(tmp_path, solved, name):
     (tmp_path / name).write_text("<html>mine</html>\n")
     (tmp_path / "notes.txt").write_text("mine, too\n")
     before = contents(tmp_path)
-    with pytest.raises(ArgumentError, match=rf"where {name} is of another program, .* choose another folder"):
+    with pytest.raises(
+        ArgumentError, match=rf"where {name} is of another program, .* choose another folder"
+    ):
         write_report(*solved, tmp_path)
     assert contents(tmp_path) == before
     (tmp_path / name).unlink()
@@ -61,7 +63,10 @@ def test_pictures_of_an_analysis_are_accepted_in_the_folder_of_a_report(tmp_path
 def test_the_folder_is_checked_before_the_work(tmp_path, monkeypatch, capsys):
     (tmp_path / "index.html").write_text("mine")
     monkeypatch.setattr("flexgen.inversion.solve.solve", None)
-    for words in (["solve", "elbow", "--report", str(tmp_path)], ["run", "elbow", "--report", str(tmp_path)]):
+    for words in (
+        ["solve", "elbow", "--report", str(tmp_path)],
+        ["run", "elbow", "--report", str(tmp_path)],
+    ):
         assert main(words) == 1
         assert "index.html is of another program" in capsys.readouterr().err
     assert (tmp_path / "index.html").read_text() == "mine"

@@ -19,13 +19,20 @@ def solution():
 
 def test_the_sentence_of_a_verified_solution_has_error_conditions_and_robot(solution):
     text = in_words(solution)
-    assert text.startswith("These motor torques move the tool of elbow along the move line of 1 s. ")
-    assert "under these torques alone, without feedback, the error is at most " in text and "(numerical)" in text
+    assert text.startswith(
+        "These motor torques move the tool of elbow along the move line of 1 s. "
+    )
+    assert (
+        "under these torques alone, without feedback, the error is at most " in text
+        and "(numerical)" in text
+    )
     assert "another one needs feedback" in text
 
 
 def test_without_a_simulation_the_sentence_says_so(solution):
-    assert "no simulation has verified them" in in_words(dataclasses.replace(solution, simulation=None))
+    assert "no simulation has verified them" in in_words(
+        dataclasses.replace(solution, simulation=None)
+    )
 
 
 def test_an_error_above_a_tenth_of_a_micrometer_is_not_called_numerical(solution):
@@ -56,5 +63,7 @@ def test_the_page_begins_with_the_sentence(solution, tmp_path):
 def test_a_hold_that_is_too_long_is_the_reason():
     solution = flexgen.solve("elbow", "joints", hold="zoh", sample_time=0.1)
     assert solution.status == Status.TOLERANCE_NOT_MET and solution.tool_error_max_m < 1e-6
-    assert problem_of(solution, 1e-5).startswith("tolerance not met: the zero-order hold at 100 ms makes the output")
+    assert problem_of(solution, 1e-5).startswith(
+        "tolerance not met: the zero-order hold at 100 ms makes the output"
+    )
     assert " mm until" in in_words(solution)

@@ -32,7 +32,11 @@ def test_any_torque_at_standstill_is_taken_out_and_others_are_kept() -> None:
     moving = low(np.where(still, 0.0, np.sin(0.013 * np.arange(n))))
     left = rests.project(moving)
     assert 0.3 < (left**2).sum() / (moving**2).sum() < 0.95
-    assert_allclose(left @ low(still * smooth[:, 0]), 0.0, atol=1e-3 * np.abs(moving).max() * np.abs(before).sum())
+    assert_allclose(
+        left @ low(still * smooth[:, 0]),
+        0.0,
+        atol=1e-3 * np.abs(moving).max() * np.abs(before).sum(),
+    )
     x = rng.normal(size=(len(before), 2, 2))
     assert_allclose(rests.project(x)[:, 1, 0], rests.project(x[:, 1, 0]), atol=1e-12)
     none, _ = taken(np.ones(n))
@@ -53,7 +57,12 @@ def test_friction_turns_late_after_a_reversal() -> None:
     """By a distance s: 2 F exp(-x / s) is missing after a travel x; one number for all reversals of a record."""
     t = STEP * np.arange(5000)
     w, size = 2 * np.pi * np.array([0.3, 0.8]), np.array([0.5, 0.3])
-    speed, travel, sign, x = (size * w * np.cos(w * t[:, None])).sum(axis=1), 1e9, 1.0, np.zeros(len(t))
+    speed, travel, sign, x = (
+        (size * w * np.cos(w * t[:, None])).sum(axis=1),
+        1e9,
+        1.0,
+        np.zeros(len(t)),
+    )
     for k, v in enumerate(speed):
         travel = abs(v) * STEP if v * sign < 0 else travel + abs(v) * STEP
         sign, x[k] = np.sign(v), travel

@@ -35,10 +35,17 @@ NO_RESULT = {
         "Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass LQ Servo ServoRecord".split(),
         INPUT,
     ),
-    **dict.fromkeys("LQG LoopShaping Notch PID PPI TomeiPD Move MoveC MoveJ MoveL PoseTarget Program".split(), INPUT),
-    **dict.fromkeys("RandomMove Grid HalfSpace Sphere Limits Disturbance DriveHardware RobotModel".split(), INPUT),
     **dict.fromkeys(
-        "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors StaticPoses".split(), INPUT
+        "LQG LoopShaping Notch PID PPI TomeiPD Move MoveC MoveJ MoveL PoseTarget Program".split(),
+        INPUT,
+    ),
+    **dict.fromkeys(
+        "RandomMove Grid HalfSpace Sphere Limits Disturbance DriveHardware RobotModel".split(),
+        INPUT,
+    ),
+    **dict.fromkeys(
+        "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors StaticPoses".split(),
+        INPUT,
     ),
     **dict.fromkeys(["Measurement", "Reference"], "one sample of a running controller"),
     **dict.fromkeys(["Finding", "Trial"], "a row of Check.findings, of FeedbackStudy.trials"),
@@ -60,7 +67,11 @@ def has_viewer(of: type, member: str) -> bool:
 
 
 def test_each_public_data_class_is_a_result_or_has_a_reason():
-    others = {name for name, what in public().items() if is_dataclass(what) and not issubclass(what, Result)}
+    others = {
+        name
+        for name, what in public().items()
+        if is_dataclass(what) and not issubclass(what, Result)
+    }
     assert others == set(NO_RESULT)
 
 
@@ -82,7 +93,14 @@ def made(tmp_path_factory):
     model = flexgen.read("elbow")
     solution, path = flexgen.solve(model), flexgen.plan(model)
     analysis = flexgen.analyze(model)
-    parts = [solution, solution.trajectory, solution.simulation, path, path.sample(np.linspace(0, 1, 9)), analysis]
+    parts = [
+        solution,
+        solution.trajectory,
+        solution.simulation,
+        path,
+        path.sample(np.linspace(0, 1, 9)),
+        analysis,
+    ]
     return [
         *parts,
         analysis.equilibrium,
@@ -105,7 +123,12 @@ def test_each_result_is_json_a_file_and_a_table(made, tmp_path):
         if not isinstance(result, flexgen.Trajectory):  # has formats of its own
             assert json.loads(result.save(tmp_path / "a.json").read_text()) == json.loads(text)
     margins = next(result for result in made if isinstance(result, flexgen.Margins))
-    assert margins.to_dict() == {"stable": True, "largest_eigenvalue": 0.9, "gain": None, "delay_s": 1e-3}
+    assert margins.to_dict() == {
+        "stable": True,
+        "largest_eigenvalue": 0.9,
+        "gain": None,
+        "delay_s": 1e-3,
+    }
 
 
 def test_results_save_their_trajectory_or_their_arrays(made, tmp_path):
@@ -113,16 +136,25 @@ def test_results_save_their_trajectory_or_their_arrays(made, tmp_path):
     saved = flexgen.Trajectory.load(solution.save(tmp_path / "a.npz"))
     assert (saved["tau_m"] == solution.trajectory["tau_m"]).all()
     with np.load(run.save(tmp_path / "b.npz")) as arrays:
-        assert (arrays["q_a"] == run.q_a).all() and json.loads(str(arrays["meta"]))["name"] == "soft"
-    with pytest.raises(ArgumentError, match=r"given 'a.txt', expected a name that ends in \.json or \.npz"):
+        assert (arrays["q_a"] == run.q_a).all() and json.loads(str(arrays["meta"]))[
+            "name"
+        ] == "soft"
+    with pytest.raises(
+        ArgumentError, match=r"given 'a.txt', expected a name that ends in \.json or \.npz"
+    ):
         run.save(tmp_path / "a.txt")
-    with pytest.raises(ArgumentError, match=r"given 'a.npz', expected a name that ends in \.json\Z"):
-        next(result for result in made if isinstance(result, flexgen.Check)).save(tmp_path / "a.npz")
+    with pytest.raises(
+        ArgumentError, match=r"given 'a.npz', expected a name that ends in \.json\Z"
+    ):
+        next(result for result in made if isinstance(result, flexgen.Check)).save(
+            tmp_path / "a.npz"
+        )
 
 
 @pytest.mark.slow
 def test_each_result_draws_its_picture_and_writes_its_page(made, tmp_path, request):
-    others = [each for each in made if not isinstance(each, flexgen.Solution | flexgen.Analysis)]  # tests of their own
+    # tests of their own
+    others = [each for each in made if not isinstance(each, flexgen.Solution | flexgen.Analysis)]
     for k, result in enumerate(others):
         name = type(result).__name__
         if name in NO_PICTURE:
@@ -134,8 +166,11 @@ def test_each_result_draws_its_picture_and_writes_its_page(made, tmp_path, reque
     request.getfixturevalue("undrawn")
     for k, result in enumerate(others):
         page = result.report(tmp_path / str(k))
-        text = page.read_text(encoding="utf-8")  # with the table of notebooks, or the tables of the command
-        assert page.name == "index.html" and ("<table" in text or "<pre" in text), type(result).__name__
+        # with the table of notebooks, or the tables of the command
+        text = page.read_text(encoding="utf-8")
+        assert page.name == "index.html" and ("<table" in text or "<pre" in text), type(
+            result
+        ).__name__
 
 
 @pytest.mark.parametrize("verb", ["analyze", "check", "plan"])
@@ -160,6 +195,8 @@ def test_a_tool_pose_of_joints_is_that_of_the_equations():
     q = np.zeros(model.n_a)
     q[list(model.i_g)] = 0.3, -0.7
     p, R = evaluate(flexgen.derive(model).function("forward_kinematics"), q[None])
-    assert np.allclose(pose.position, np.ravel(p), atol=1e-14) and np.allclose(pose.rotation.ravel(), np.ravel(R))
+    assert np.allclose(pose.position, np.ravel(p), atol=1e-14) and np.allclose(
+        pose.rotation.ravel(), np.ravel(R)
+    )
     with pytest.raises(ArgumentError, match="given 3 numbers, expected 2"):
         ToolPose.of_joints(model, [0.3, -0.7, 0.1])

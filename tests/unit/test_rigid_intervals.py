@@ -25,14 +25,20 @@ def test_forces_pass_the_filter_of_accelerations() -> None:
     found, mean = derivatives(np.abs(t) * t / 2, 1e-3)[2], smooth_forces(np.sign(t))
     assert_allclose(found[INNER], mean[INNER], atol=0.03)
     smooth = np.sin(20 * t)
-    assert_allclose(derivatives(smooth, 1e-3)[2][INNER], -400 * smooth_forces(smooth)[INNER], atol=1e-2)
+    assert_allclose(
+        derivatives(smooth, 1e-3)[2][INNER], -400 * smooth_forces(smooth)[INNER], atol=1e-2
+    )
     assert_allclose(smooth_forces(np.ones((40, 2))), 1.0)
 
 
 def test_scores_are_those_of_fits_without_a_block() -> None:
     """The covariance of blocks, by a fit without each of them; along principal axes with Student's quantiles."""
     rng = np.random.default_rng(0)
-    X, weight, prior = list(rng.normal(size=(2, 60, 5))), np.array([1.0, 3.0]), np.array([0.0, 0.0, 4.0, 4.0, 0.0])
+    X, weight, prior = (
+        list(rng.normal(size=(2, 60, 5))),
+        np.array([1.0, 3.0]),
+        np.array([0.0, 0.0, 4.0, 4.0, 0.0]),
+    )
     y = rng.normal(size=(60, 2))
     W = np.repeat(weight, 60) ** 2
     rows, target = np.vstack(X), y.T.ravel()
@@ -45,7 +51,8 @@ def test_scores_are_those_of_fits_without_a_block() -> None:
     error = (target - rows @ everything).reshape(2, 60).T
     H = np.linalg.inv((rows * W[:, None]).T @ rows + np.diag(prior))
     changes = [fitted(np.tile(np.arange(60) // 12 != b, 2)) - everything for b in range(5)]
-    size = 1 / np.sqrt((rows**2 * W[:, None]).sum(axis=0) + prior)  # principal axes of numbers of like size
+    # principal axes of numbers of like size
+    size = 1 / np.sqrt((rows**2 * W[:, None]).sum(axis=0) + prior)
     left = (rows * np.sqrt(W)[:, None] * size).reshape(2, 5, 12, 5)
     axes = np.linalg.svd(np.vstack([left.reshape(120, 5), np.diag(np.sqrt(prior) * size)]))[2].T
     shares = ((left @ axes) ** 2).sum(axis=(0, 2))
@@ -59,16 +66,23 @@ def test_scores_are_those_of_fits_without_a_block() -> None:
     assert_allclose(covariance(X, error, weight, prior, 12), expected, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.parametrize("sign, status", [(1.0, RigidStatus.FITTED), (-1.0, RigidStatus.MODEL_ERROR)])
+@pytest.mark.parametrize(
+    "sign, status", [(1.0, RigidStatus.FITTED), (-1.0, RigidStatus.MODEL_ERROR)]
+)
 def test_torques_of_the_wrong_sign_are_a_model_error(sign, status) -> None:
     """Of a horizontal arm, all torques are explained by negative frictions and rotors."""
     model = replace(flexgen.read("elbow@rigid"), gravity=(0.0, 0.0, 0.0))
     t, w = 4e-3 * np.arange(500), np.array([3.1, 4.3])
     q, v, a = (
-        size * f(np.outer(t, w)) for f, size in ((np.sin, 0.9 / w), (np.cos, 0.9), (lambda x: -np.sin(x), 0.9 * w))
+        size * f(np.outer(t, w))
+        for f, size in ((np.sin, 0.9 / w), (np.cos, 0.9), (lambda x: -np.sin(x), 0.9 * w))
     )
     e = flexgen.derive(model).function("inverse_dynamics").map(len(t))
-    tau = np.array(e(q.T, v.T, a.T)).T @ np.linalg.inv(model.eta) + 0.02 * (v @ model.eta.T) + 0.5 * np.sign(v)
+    tau = (
+        np.array(e(q.T, v.T, a.T)).T @ np.linalg.inv(model.eta)
+        + 0.02 * (v @ model.eta.T)
+        + 0.5 * np.sign(v)
+    )
     tau += np.array([m.inertia for m in model.motors]) * (a @ model.eta.T)
     found = identify_rigid(model, [Motion(t, q, sign * tau)], parts=2)
     assert found.status == status and (found.numbers_sd is None) == (sign < 0)
@@ -80,7 +94,9 @@ def test_motors_give_no_energy() -> None:
     model = flexgen.read("elbow@rigid")
     ratio = np.abs(model.eta).max(axis=1)
     v = np.sin(np.arange(200.0))
-    F = np.stack([np.stack([v, np.sign(v), np.ones(200), np.cos(np.arange(200.0))], axis=1)] * 2, axis=1)
+    F = np.stack(
+        [np.stack([v, np.sign(v), np.ones(200), np.cos(np.arange(200.0))], axis=1)] * 2, axis=1
+    )
     fine, sure, torque = np.array([[0.5, 1.0, -9.0, 0.0]] * 2), 1e-6 * np.eye(8), np.ones(2)
     none = np.zeros(2)
     assert is_possible(model, F, fine, sure, torque, none)
@@ -95,11 +111,19 @@ def test_motors_give_no_energy() -> None:
 def test_a_friction_that_falls_with_speed_is_larger_at_rest() -> None:
     """Not smaller, and no friction makes up for another: a model file has none below zero."""
     model, v = flexgen.read("elbow@rigid"), np.sin(np.arange(200.0))
-    rows = [v, np.sign(v), np.ones(200), np.cos(np.arange(200.0)), np.sign(v) / np.cosh(3 * v), 0 * v]
+    rows = [
+        v,
+        np.sign(v),
+        np.ones(200),
+        np.cos(np.arange(200.0)),
+        np.sign(v) / np.cosh(3 * v),
+        0 * v,
+    ]
     F, torque, sure = np.stack([np.stack(rows, axis=1)] * 2, axis=1), np.ones(2), 1e-6 * np.eye(12)
     numbers = np.array([[0.5, 1.0, 0.0, 0.0, -0.3, 0.0]] * 2)
     assert not is_possible(model, F, numbers, sure, torque, np.array([0.0, 3.0]))
-    assert is_possible(model, F, numbers, sure, torque, np.zeros(2))  # a harmonic of a counterbalance
+    # a harmonic of a counterbalance
+    assert is_possible(model, F, numbers, sure, torque, np.zeros(2))
     assert is_possible(model, F, numbers, 0.1 * np.eye(12), torque, np.array([0.0, 3.0]))
     numbers[:, 4] = 0.3
     assert is_possible(model, F, numbers, sure, torque, np.full(2, 3.0))
@@ -113,8 +137,12 @@ def test_friction_at_standstill_is_any_torque(noise: float) -> None:
     model, true = flexgen.read("elbow@rigid"), np.array([[0.8, 1.0], [1.0, 1.5]])
     away = []
     for seed in range(4):
-        found = identify_rigid(model, [Motion(*x) for x in poses(model, true, noise, seed, 2)], parts=0)
-        sd = np.sqrt(np.diag(found.covariance))[len(found.pi) :][: found.friction.size].reshape(2, -1)
+        found = identify_rigid(
+            model, [Motion(*x) for x in poses(model, true, noise, seed, 2)], parts=0
+        )
+        sd = np.sqrt(np.diag(found.covariance))[len(found.pi) :][: found.friction.size].reshape(
+            2, -1
+        )
         away.append((found.friction[:, :2] - true.T) / sd[:, :2])
         assert (sd[:, :2] < 0.1 * true.T).all()
     assert np.sqrt(np.mean(np.square(away))) < 1.3 and np.abs(away).max() < 3.5

@@ -38,7 +38,9 @@ def hand(tmp_path_factory):
 @pytest.fixture(scope="module")
 def single(tmp_path_factory):
     """The same in single precision."""
-    return load(install(tmp_path_factory.mktemp("single"), compiled(real="float"), precision="single"))
+    return load(
+        install(tmp_path_factory.mktemp("single"), compiled(real="float"), precision="single")
+    )
 
 
 def points(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -58,14 +60,19 @@ def test_many_points_equal_single_points(name):
         for k in range(7):
             single = function(*[x[k] for x in inputs])
             for port, a, b in zip(
-                function.outputs, many, single if isinstance(single, tuple) else [single], strict=True
+                function.outputs,
+                many,
+                single if isinstance(single, tuple) else [single],
+                strict=True,
             ):
                 assert b.shape == port.shape
                 assert np.array_equal(a[k], b)
         held = function(*[inputs[0], *[x[0] for x in inputs[1:]]])  # one point held for many
         full = function(*[inputs[0], *[np.tile(x[0], (7, 1)) for x in inputs[1:]]])
         for a, b in zip(
-            held if isinstance(held, tuple) else [held], full if isinstance(full, tuple) else [full], strict=True
+            held if isinstance(held, tuple) else [held],
+            full if isinstance(full, tuple) else [full],
+            strict=True,
         ):
             assert np.array_equal(a, b)
 
@@ -92,14 +99,22 @@ def test_no_points_give_empty_arrays(planar, hand):
 def test_results_are_named_by_their_ports(planar):
     pose = planar.forward_kinematics([0.0, 0.0, 0.0])
     assert np.allclose(pose.p, [1.6, 0.0, 0.0]) and np.allclose(pose.R, np.eye(3))
-    named, placed = planar.bias(v_a=np.zeros(3), q_a=np.ones(3)), planar.bias(np.ones(3), np.zeros(3))
-    assert np.array_equal(named, placed) and np.allclose(named, planar.gravity(np.ones(3)), rtol=1e-14)
+    named, placed = (
+        planar.bias(v_a=np.zeros(3), q_a=np.ones(3)),
+        planar.bias(np.ones(3), np.zeros(3)),
+    )
+    assert np.array_equal(named, placed) and np.allclose(
+        named, planar.gravity(np.ones(3)), rtol=1e-14
+    )
 
 
 def test_matrices_are_rows_by_columns(planar, hand):
     J = planar.jacobian([0.3, -1.1, 0.2])
     step = 1e-6
-    dp = planar.forward_kinematics([0.3, -1.1 + step, 0.2]).p - planar.forward_kinematics([0.3, -1.1 - step, 0.2]).p
+    dp = (
+        planar.forward_kinematics([0.3, -1.1 + step, 0.2]).p
+        - planar.forward_kinematics([0.3, -1.1 - step, 0.2]).p
+    )
     assert np.allclose(J[:3, 1], dp / (2 * step), atol=1e-8)
     q_a, K = points(9)
     for found, expected in zip(hand.twist(q_a, K), twist(q_a, K), strict=True):
@@ -147,9 +162,18 @@ def test_every_layout_gives_the_same(hand):
     s, S = hand.twist(q_a, K)
     wide = np.zeros((40, 5))
     wide[::2, 1::2] = q_a
-    unaligned = np.frombuffer(b"x" + np.asfortranarray(q_a).tobytes(order="F"), offset=1).reshape((20, 2), order="F")
+    unaligned = np.frombuffer(b"x" + np.asfortranarray(q_a).tobytes(order="F"), offset=1).reshape(
+        (20, 2), order="F"
+    )
     held = np.broadcast_to(q_a[3], (20, 2))
-    layouts = (wide[::2, 1::2], q_a[::-1][::-1], np.asfortranarray(q_a), unaligned, q_a.astype(">f8"), q_a.tolist())
+    layouts = (
+        wide[::2, 1::2],
+        q_a[::-1][::-1],
+        np.asfortranarray(q_a),
+        unaligned,
+        q_a.astype(">f8"),
+        q_a.tolist(),
+    )
     for layout in (*layouts, q_a.view(Subclass), np.ma.array(q_a), q_a.astype(np.longdouble)):
         found = hand.twist(layout, K)
         assert np.array_equal(found.s, s) and np.array_equal(found.S, S)
@@ -170,18 +194,25 @@ def test_one_point_writes_to_any_memory(hand):
     assert results.s is s and results.S is S
     assert np.array_equal(s, expected.s) and np.array_equal(S, expected.S)
     x = np.array([2.0, 3.0])
-    assert hand.square(x, out=x) is x and np.array_equal(x, [4.0, 9.0])  # inputs of one point are copied first
+    # inputs of one point are copied first
+    assert hand.square(x, out=x) is x and np.array_equal(x, [4.0, 9.0])
     assert hand.square([2.0, 3.0], out=(x,)) is x and np.array_equal(x, [4.0, 9.0])
 
 
 @pytest.mark.parametrize(
     ("out", "told"),
     [
-        (np.zeros((5, 3)), r"out for s: given shape \(5, 3\) of float64, expected \(5, 2\) of float64"),
+        (
+            np.zeros((5, 3)),
+            r"out for s: given shape \(5, 3\) of float64, expected \(5, 2\) of float64",
+        ),
         (np.zeros(2), r"given shape \(2,\)"),
         (np.zeros((5, 2), np.float32), "of float32, expected"),
         (np.zeros((5, 2), ">f8"), "of >f8, expected"),
-        (np.zeros((5, 2)), r"given an array in another order, expected points side by side: np.empty\(\(5, 2\), order"),
+        (
+            np.zeros((5, 2)),
+            r"given an array in another order, expected points side by side: np.empty\(\(5, 2\), order",
+        ),
         ((np.zeros((5, 2)),) * 2, "out: given 2 arrays, expected 1: s"),
         ([], "out: given 0 arrays"),
         ([[0.0] * 2] * 5, "out: given 5 arrays"),
@@ -226,7 +257,9 @@ def test_single_precision_rounds_what_it_is_given(single):
     assert single.precision == "single" and single.parameters.dtype == np.float32
     for arguments in ((q_a, K), (q_a[0], K[0]), (q_a[0].tolist(), K[0].tolist())):
         for found, expected in zip(single.twist(*arguments), twist(*arguments), strict=True):
-            assert found.dtype == np.float32 and np.allclose(found, expected, rtol=SINGLE, atol=SINGLE)
+            assert found.dtype == np.float32 and np.allclose(
+                found, expected, rtol=SINGLE, atol=SINGLE
+            )
     narrow = np.asfortranarray(q_a.astype(np.float32))
     assert np.array_equal(single.square(narrow), single.square(q_a))
     assert np.array_equal(single.square(narrow[0]), single.square(q_a)[0])
@@ -237,18 +270,26 @@ def test_single_precision_rounds_what_it_is_given(single):
 
 
 def test_a_generated_library_of_single_precision(planar, tmp_path):
-    library = load(generate("planar5_nmp", tmp_path, functions=["inverse_dynamics"], precision="single").directory)
+    library = load(
+        generate(
+            "planar5_nmp", tmp_path, functions=["inverse_dynamics"], precision="single"
+        ).directory
+    )
     states = random_states(read("planar5_nmp"), 40)
     motion = [states[name] for name in ("q_a", "v_a", "a_a")]
     expected, found = planar.inverse_dynamics(*motion), library.inverse_dynamics(*motion)
     assert found.dtype == np.float32
-    assert np.abs(found - expected).max() < 10 * SINGLE * np.abs(expected).max()  # a hundred operations in a row
+    # a hundred operations in a row
+    assert np.abs(found - expected).max() < 10 * SINGLE * np.abs(expected).max()
     assert np.array_equal(library.inverse_dynamics(*[x[7] for x in motion]), found[7])
 
 
 def test_numbers_too_large_for_single_precision_are_refused(single):
     for q_a, where in (([1e300, 0.0], "0"), ([[0.0, 0.0], [0.0, 1e300]], "1, 1")):
-        with pytest.raises(ArgumentError, match=rf"q_a\[{where}\]: given (1e\+300|inf), expected finite .* of single"):
+        with pytest.raises(
+            ArgumentError,
+            match=rf"q_a\[{where}\]: given (1e\+300|inf), expected finite .* of single",
+        ):
             single.square(q_a)
 
 
@@ -257,11 +298,17 @@ def test_parameters_are_those_of_the_model_or_given(hand):
     changed = np.array([-1.0, 3.0])
     for q, k in ((q_a, K), (q_a[0], K[0])):
         expected, other = twist(q, k, VALUES), twist(q, k, changed)
-        for found in (hand.twist(q, k), hand.twist(q, k, hand.parameters), hand.twist(q_a=q, K=k), hand.twist(q, K=k)):
+        for found in (
+            hand.twist(q, k),
+            hand.twist(q, k, hand.parameters),
+            hand.twist(q_a=q, K=k),
+            hand.twist(q, K=k),
+        ):
             assert np.allclose(found.S, expected[1], rtol=1e-14)
         for found in (hand.twist(q, k, changed), hand.twist(K=k, q_a=q, parameters=[-1, 3])):
             assert np.allclose(found.S, other[1], rtol=1e-14)
-        assert np.allclose(hand.twist(q, k).S, expected[1], rtol=1e-14)  # nothing stays of the changed ones
+        # nothing stays of the changed ones
+        assert np.allclose(hand.twist(q, k).S, expected[1], rtol=1e-14)
     for wrong in (np.zeros((4, 2)), np.zeros(3)):
         with pytest.raises(ArgumentError, match=r"expected \(2,\): one vector for all points"):
             hand.twist(q_a, K, wrong)
@@ -300,7 +347,10 @@ def test_threads_do_not_share_buffers(hand):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (([0.0, 0.0],), r"mass_matrix, q_a: given shape \(2,\), expected \(3,\) or \(N, 3\) \[rad\]"),
+        (
+            ([0.0, 0.0],),
+            r"mass_matrix, q_a: given shape \(2,\), expected \(3,\) or \(N, 3\) \[rad\]",
+        ),
         ((np.zeros((2, 2)),), r"given shape \(2, 2\)"),
         ((np.zeros((3, 2)).T[:, :2],), r"given shape \(2, 2\)"),
         ((np.zeros((2, 2, 3)),), r"given shape \(2, 2, 3\)"),
@@ -327,7 +377,10 @@ def test_threads_do_not_share_buffers(hand):
         (([[1.0], [1.0, 2.0]],), "expected real numbers"),
         ((np.zeros(3), np.zeros(3)), "given 2 arguments, expected q_a"),
         ((), "given 0 arguments, expected q_a"),
-        ((np.broadcast_to(np.zeros(3), (2**31, 3)),), r"given 2147483648 points, expected at most 2147483647"),
+        (
+            (np.broadcast_to(np.zeros(3), (2**31, 3)),),
+            r"given 2147483648 points, expected at most 2147483647",
+        ),
     ],
 )
 def test_wrong_arguments_are_refused(planar, arguments, told):
@@ -351,13 +404,20 @@ def test_wrong_names_and_counts_are_refused(planar):
         planar.bias(np.zeros((2, 3)), np.zeros((3, 3)))
     with pytest.raises(ArgumentError, match="given 0 points, expected 2"):
         planar.bias(np.zeros((2, 3)), np.zeros((0, 3)))
-    with pytest.raises(AttributeError, match="expected one of the library's functions: forward_kinematics"):
+    with pytest.raises(
+        AttributeError, match="expected one of the library's functions: forward_kinematics"
+    ):
         planar.mass  # noqa: B018
 
 
 def test_integers_lists_and_strided_arrays_are_accepted(planar):
     expected = planar.gravity(np.array([1.0, 2.0, 3.0]))
-    for q_a in ([1, 2, 3], np.arange(1, 4), np.arange(1, 7, dtype=np.float32)[:3], np.array([3.0, 2.0, 1.0])[::-1]):
+    for q_a in (
+        [1, 2, 3],
+        np.arange(1, 4),
+        np.arange(1, 7, dtype=np.float32)[:3],
+        np.array([3.0, 2.0, 1.0])[::-1],
+    ):
         assert np.array_equal(planar.gravity(q_a), expected)
     columns = np.asfortranarray(np.tile([1.0, 2.0, 3.0], (5, 1)))
     assert np.array_equal(planar.gravity(columns), np.tile(expected, (5, 1)))
@@ -372,7 +432,8 @@ def test_entries_that_are_not_finite_are_found_wherever_they_are(hand):
             given = {"q_a": q_a.copy(order), "K": K.copy(order)}
             given[port][at] = np.nan
             with pytest.raises(
-                ArgumentError, match=rf"twist, {port}\[{', '.join(map(str, at))}\]: given nan, expected"
+                ArgumentError,
+                match=rf"twist, {port}\[{', '.join(map(str, at))}\]: given nan, expected",
             ):
                 hand.twist(**given)
     late, early = q_a.copy(), K.copy()
@@ -388,7 +449,9 @@ def test_a_result_that_is_not_finite_is_an_error(planar, hand):
     with pytest.raises(SolverError, match="inverse_dynamics: a result is not finite"):
         planar.inverse_dynamics(*huge)
     with pytest.raises(SolverError, match="inverse_dynamics, point 1: a result is not finite"):
-        planar.inverse_dynamics(np.zeros(3), np.array([[1.0] * 3, [1e200] * 3, [1.0] * 3]), np.zeros(3))
+        planar.inverse_dynamics(
+            np.zeros(3), np.array([[1.0] * 3, [1e200] * 3, [1.0] * 3]), np.zeros(3)
+        )
     q_a, out = np.ones((7, 2)), np.zeros((7, 2), order="F")
     q_a[5, 1] = 1e200
     with pytest.raises(SolverError, match="square, point 5: a result is not finite"):
@@ -404,9 +467,14 @@ def test_an_unknown_status_is_an_error(hand, monkeypatch):
 
 
 def test_c_returns_a_status_and_sets_failed_results_to_nan(planar):
-    library = ctypes.CDLL(str(next(path for path in made("planar5_nmp").files if path.suffix in (".so", ".dylib"))))
+    library = ctypes.CDLL(
+        str(next(path for path in made("planar5_nmp").files if path.suffix in (".so", ".dylib")))
+    )
     function, batch = library.planar5_nmp_gravity, library.planar5_nmp_gravity_batch
-    function.argtypes, batch.argtypes = [ctypes.c_void_p] * 2, [ctypes.c_int] + [ctypes.c_void_p] * 3
+    function.argtypes, batch.argtypes = (
+        [ctypes.c_void_p] * 2,
+        [ctypes.c_int] + [ctypes.c_void_p] * 3,
+    )
     q_a, g = np.zeros((3, 3)), np.full((3, 3), 5.0)  # entries by points
     work = np.zeros(library.planar5_nmp_batch_work())
     where = [x.ctypes.data for x in (q_a, g, work)]

@@ -51,7 +51,11 @@ def test_a_good_file_is_read(joints, robot):
         ("0.3,", "0.3" + 140_000 * "0" + ",", r"csv:2:row: given more than 20000 characters"),
         ("0.3,", "0_3,", '"0_3"'),
         ("\n", "," * 3000 + "\n", "an empty or repeated column name"),
-        ("\n", "," + ",".join(f"c{k}" for k in range(50)) + "\n", "given 52 columns, expected at most"),
+        (
+            "\n",
+            "," + ",".join(f"c{k}" for k in range(50)) + "\n",
+            "given 52 columns, expected at most",
+        ),
         ("\n", "\n" * 400_001, "given more than 400000 lines, expected at most 200000 rows"),
     ],
     ids=range(5),
@@ -74,7 +78,9 @@ def test_bytes_that_are_not_text_are_refused(joints, robot):
 def test_npz_files_with_wrong_sizes_are_refused(tmp_path, robot, monkeypatch):
     monkeypatch.setattr(zipfile.ZipExtFile, "readinto", None, raising=False)
     file = packed(tmp_path / "a.npz", {"q_g": claiming("(1000000000, 2)")})
-    refused(file, robot, r"'q_g' of shape \(1000000000, 2\) and 0 bytes, expected 16000000000 bytes")
+    refused(
+        file, robot, r"'q_g' of shape \(1000000000, 2\) and 0 bytes, expected 16000000000 bytes"
+    )
     file = packed(tmp_path / "b.npz", {"q_g": claiming("(3000000, 2)", bytes(48_000_000))})
     assert file.stat().st_size < 100_000
     refused(file, robot, "q_g: given 3000000 rows, expected at most 200000")
@@ -82,7 +88,11 @@ def test_npz_files_with_wrong_sizes_are_refused(tmp_path, robot, monkeypatch):
     refused(file, robot, "arrays of 48000128 bytes, expected at most 10000000")
     file = tmp_path / "c.npz"
     file.write_bytes(array_bytes(Q))
-    refused(file, robot, "given a .npy file under the name of an .npz file, expected one that numpy.savez wrote")
+    refused(
+        file,
+        robot,
+        "given a .npy file under the name of an .npz file, expected one that numpy.savez wrote",
+    )
     file.write_bytes(b"x" * 1000)
     refused(file, robot, "given what is no .npz file")
     for name, values, expected in (
@@ -98,7 +108,10 @@ def test_npz_files_with_wrong_sizes_are_refused(tmp_path, robot, monkeypatch):
 def test_the_memory_of_a_process_is_not_used_up(tmp_path, robot):
     """500 MB of zeros in a file of 0.5 MB: the largest size of this process stays where it was."""
     file = packed(tmp_path / "bomb.npz", {"q_g": claiming("(31250000, 2)")})
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("q_g.npy", "w") as stream:
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("q_g.npy", "w") as stream,
+    ):
         stream.write(claiming("(31250000, 2)"))
         for _ in range(50):
             stream.write(bytes(10_000_000))
@@ -113,4 +126,8 @@ def test_a_column_that_is_a_joint_and_an_output_is_refused(tmp_path):
     file = tmp_path / "a.csv"
     file.write_text("y1\n0.0\n0.5\n1.0\n")
     assert read_samples(str(file), flexgen.read("four_mass"), 2).space == "output"
-    refused(file, flexgen.read(tmp_path / "model.toml"), "csv:1:y1: given a column that is a joint and an output")
+    refused(
+        file,
+        flexgen.read(tmp_path / "model.toml"),
+        "csv:1:y1: given a column that is a joint and an output",
+    )

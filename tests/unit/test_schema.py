@@ -24,7 +24,9 @@ from flexgen.spec.tables import IDENTIFIER, Table
 from flexgen.spec.toml_lines import Entry
 
 ROOT = Path(__file__).resolve().parents[2]
-FILES = sorted([*(ROOT / "models").glob("*.toml"), *(ROOT / "tests" / "support" / "robots").glob("*.toml")])
+FILES = sorted(
+    [*(ROOT / "models").glob("*.toml"), *(ROOT / "tests" / "support" / "robots").glob("*.toml")]
+)
 PROGRAM = ROOT / "examples" / "program.toml"
 
 # --- a walk through a file and the schema at once ---------------------------------------------------------------------
@@ -42,7 +44,9 @@ def branches(schema: dict, root: dict) -> list[dict]:
     return [schema]
 
 
-def compare(entry: Entry, schema: dict, root: dict, known: dict[int, tuple], seen: set[int]) -> None:
+def compare(
+    entry: Entry, schema: dict, root: dict, known: dict[int, tuple], seen: set[int]
+) -> None:
     """Compare the keys that the reader accepts in each table with those of the schema."""
     options = branches(schema, root)
     if isinstance(entry.value, list):
@@ -59,14 +63,20 @@ def compare(entry: Entry, schema: dict, root: dict, known: dict[int, tuple], see
         t
         for t in tables
         if (kind is None and "type" not in t.get("required", ()))
-        or (kind is not None and t.get("properties", {}).get("type", {}).get("const", kind.value) == kind.value)
+        or (
+            kind is not None
+            and t.get("properties", {}).get("type", {}).get("const", kind.value) == kind.value
+        )
     ]
     assert fitting, (kind, schema)
-    if id(entry.value) in known and any("properties" in t for t in tables):  # else its keys are names
+    # else its keys are names
+    if id(entry.value) in known and any("properties" in t for t in tables):
         last, here, _ = known[id(entry.value)]
         # the reader refuses some combinations after it has accepted the key: both a spring and a gear
         unions = [set().union(*(t["properties"] for t in group)) for group in (fitting, tables)]
-        assert set(last) in unions, f"{here}: the reader knows {sorted(last)}, the schema {sorted(unions[0])}"
+        assert set(last) in unions, (
+            f"{here}: the reader knows {sorted(last)}, the schema {sorted(unions[0])}"
+        )
         seen.update(id(t) for t in fitting)
     for key, item in entry.value.items():
         inner = [t.get("properties", {}).get(key, t.get("additionalProperties")) for t in fitting]
@@ -91,11 +101,13 @@ def recorded(monkeypatch):
 
     def parsed(*args):
         root = parse(*args)
-        trees.append(Entry(dict(root.value), root.line, root.file))  # the reader takes the variants out
+        # the reader takes the variants out
+        trees.append(Entry(dict(root.value), root.line, root.file))
         return root
 
     def expanded(root, folder, shown):
-        trees.append(Entry(dict(root.value), root.line, root.file))  # before the URDF file takes its place
+        # before the URDF file takes its place
+        trees.append(Entry(dict(root.value), root.line, root.file))
         expand(root, folder, shown)
 
     monkeypatch.setattr(Table, "only", recording)
@@ -133,8 +145,14 @@ def test_every_key_of_the_reader_and_no_other(recorded, tmp_path):
     assert set(root["properties"]) == {*MODEL.names, "urdf", "joint", "link", "variant"}
     # the motor of a joint of a URDF file is read as one of the list, without the key drives
     motor = root["properties"]["joint"]["additionalProperties"]["properties"]["motor"]
-    assert set(motor["properties"]) == set(root["properties"]["motor"]["items"]["properties"]) - {"drives"}
-    assert [table["description"] for key, table in all_tables(root).items() if key not in {*seen, id(motor)}] == []
+    assert set(motor["properties"]) == set(root["properties"]["motor"]["items"]["properties"]) - {
+        "drives"
+    }
+    assert [
+        table["description"]
+        for key, table in all_tables(root).items()
+        if key not in {*seen, id(motor)}
+    ] == []
 
 
 def test_a_missing_key_is_seen(recorded, tmp_path):
@@ -174,7 +192,11 @@ def test_all_kinds_of_tables_are_valid(tmp_path, validator):
 def tables_in(data, path=()):
     """Every table of a document with its path, without those of free keys."""
     if isinstance(data, dict):
-        if path[-1:] != ("set",) and path not in (("joint",), ("link",), ("variant",)) and "rows" not in path:
+        if (
+            path[-1:] != ("set",)
+            and path not in (("joint",), ("link",), ("variant",))
+            and "rows" not in path
+        ):
             yield path, data
         for key, value in data.items():
             if key not in ("set", "lock", "rows"):
@@ -185,7 +207,11 @@ def tables_in(data, path=()):
 
 
 def test_unknown_keys_are_invalid_in_every_table(tmp_path, validator):
-    for path in (everything(tmp_path), ROOT / "models" / "urdf_arm.toml", ROOT / "models" / "four_mass.toml"):
+    for path in (
+        everything(tmp_path),
+        ROOT / "models" / "urdf_arm.toml",
+        ROOT / "models" / "four_mass.toml",
+    ):
         data = tomllib.loads(path.read_text())
         for _, table in tables_in(data):
             table["nosuch"] = 1
@@ -223,7 +249,9 @@ def test_what_the_reader_refuses_is_invalid(old, new, tmp_path, validator):
         flexgen.read(path)
 
 
-@pytest.mark.parametrize("name", ["a", "A1_b", "a" * 31, "a" * 32, "1a", "_a", "a__b", "a-b", "a b", ""])
+@pytest.mark.parametrize(
+    "name", ["a", "A1_b", "a" * 31, "a" * 32, "1a", "_a", "a__b", "a-b", "a b", ""]
+)
 def test_names(name):
     assert (re.search(IDENTIFIER, name) is not None) == (identifier_problem(name) is None)
 

@@ -9,7 +9,17 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from selection import ANY_MODEL, OPTIMIZED, OTHER_MODELS, QUICK_MODELS, ROOT, SLOW, SLOW_CASES, UNOPTIMIZED, slow
+from selection import (
+    ANY_MODEL,
+    OPTIMIZED,
+    OTHER_MODELS,
+    QUICK_MODELS,
+    ROOT,
+    SLOW,
+    SLOW_CASES,
+    UNOPTIMIZED,
+    slow,
+)
 
 from flexgen.model.reader import model_names
 
@@ -26,8 +36,14 @@ def quick_files() -> list[Path]:
     out = []
     for path in sorted(TESTS.glob("*/test_*.py")):
         tests = [node for node in tree(path).body if isinstance(node, ast.FunctionDef)]
-        marks = [[ast.unparse(mark) for mark in node.decorator_list] for node in tests if node.name.startswith("test_")]
-        quick = any("pytest.mark.slow" not in mark and "pytest.mark.full" not in mark for mark in marks)
+        marks = [
+            [ast.unparse(mark) for mark in node.decorator_list]
+            for node in tests
+            if node.name.startswith("test_")
+        ]
+        quick = any(
+            "pytest.mark.slow" not in mark and "pytest.mark.full" not in mark for mark in marks
+        )
         if quick and not slow(path.relative_to(TESTS).as_posix(), ""):
             out.append(path)
     return out
@@ -67,7 +83,8 @@ def imported_rooms(path: Path) -> set[str]:
 
 def untouched(files: Iterable[Path]) -> list[str]:
     """The rooms that none of these files imports."""
-    return sorted(rooms() - set().union(*map(imported_rooms, files)) - {"clib"})  # C, which every emission reads
+    # C, which every emission reads
+    return sorted(rooms() - set().union(*map(imported_rooms, files)) - {"clib"})
 
 
 @pytest.mark.slow
@@ -78,13 +95,17 @@ def test_every_room_has_a_quick_test():
 
 @pytest.mark.slow
 def test_a_room_without_a_quick_test_is_seen():
-    assert untouched(path for path in quick_files() if "plots" not in imported_rooms(path)) == ["plots"]
+    assert untouched(path for path in quick_files() if "plots" not in imported_rooms(path)) == [
+        "plots"
+    ]
 
 
 def test_the_tables_name_existing_folders_and_files():
     for entry in (*SLOW, *ANY_MODEL, *UNOPTIMIZED, *OPTIMIZED, *SLOW_CASES):
         file, _, name = entry.partition("::")
-        assert (TESTS / file).exists() and (not name or f"def {name}(" in (TESTS / file).read_text("utf-8")), entry
+        assert (TESTS / file).exists() and (
+            not name or f"def {name}(" in (TESTS / file).read_text("utf-8")
+        ), entry
     assert set(model_names()) >= QUICK_MODELS
     assert set(model_names()) == QUICK_MODELS | OTHER_MODELS
 
@@ -110,5 +131,9 @@ def test_no_module_of_tests_imports_another():
     """Helpers live in tests/support."""
     names = {path.stem for path in TESTS.glob("*/test_*.py")}
     for path in TESTS.glob("*/*.py"):
-        for found in re.findall(r"^\s*from (\w+) import ", path.read_text(encoding="utf-8"), re.MULTILINE):
-            assert found not in names, f"{path.name} imports {found}; move the helper to tests/support"
+        for found in re.findall(
+            r"^\s*from (\w+) import ", path.read_text(encoding="utf-8"), re.MULTILINE
+        ):
+            assert found not in names, (
+                f"{path.name} imports {found}; move the helper to tests/support"
+            )

@@ -27,7 +27,9 @@ def test_gains_of_a_stiff_arm_are_those_of_its_mass_matrix() -> None:
     assert (made.notch, made.sample_time, made.delay) == (given.notch, 1e-3, 2e-3)
     assert_allclose(made.position_gain, 8 * np.pi)
     assert_allclose(made.integral_gain, np.pi)
-    soft = 1 / (ratio**2 * np.diag(np.linalg.inv(M + np.diag(ratio**2 * [m.inertia for m in model.motors]))))
+    soft = 1 / (
+        ratio**2 * np.diag(np.linalg.inv(M + np.diag(ratio**2 * [m.inertia for m in model.motors])))
+    )
     assert_allclose(made.speed_gain, np.minimum(60 * np.pi * J, 0.3 * soft / 3e-3), rtol=1e-9)
     fast = servo_with_gains(replace(model, servo=replace(given, speed_hz=1.0)))
     assert fast is not None
@@ -39,23 +41,42 @@ def test_frequencies_that_are_not_given_are_parts_of_the_lowest_one() -> None:
     """With locked motors; 10 Hz where nothing is elastic."""
     made = servo_with_gains(replace(flexgen.read("elbow@rigid"), servo=ServoTable("ppi")))
     assert made is not None
-    assert_allclose([made.position_gain[0], made.integral_gain[0]], 2 * np.pi * np.array([5.0, 1.0]))
-    model = replace(flexgen.read("elbow"), gravity=(0.0, 0.0, 0.0), servo=ServoTable("ppi", integral_hz=0.0))
+    assert_allclose(
+        [made.position_gain[0], made.integral_gain[0]], 2 * np.pi * np.array([5.0, 1.0])
+    )
+    model = replace(
+        flexgen.read("elbow"), gravity=(0.0, 0.0, 0.0), servo=ServoTable("ppi", integral_hz=0.0)
+    )
     soft, equations, home = servo_with_gains(model), flexgen.derive(model), np.array(model.home)
     torque, still = equations.function("gear_torque"), np.zeros(2)
-    K = np.array([np.array(torque(home + each, still, model.eta @ home, still)).ravel() for each in 1e-6 * np.eye(2)])
+    K = np.array(
+        [
+            np.array(torque(home + each, still, model.eta @ home, still)).ravel()
+            for each in 1e-6 * np.eye(2)
+        ]
+    )
     K = -K.T / 1e-6
-    lowest = np.sqrt(np.linalg.eigvals(np.linalg.solve(np.array(equations.function("mass_matrix")(home)), K)).min())
+    lowest = np.sqrt(
+        np.linalg.eigvals(
+            np.linalg.solve(np.array(equations.function("mass_matrix")(home)), K)
+        ).min()
+    )
     assert soft is not None and soft.integral_gain == (0.0, 0.0)
     assert_allclose(soft.position_gain, 0.5 * lowest, rtol=1e-6)
 
 
 def test_a_library_has_the_gains_of_frequencies(tmp_path: Path) -> None:
     """The same files as with these gains in the model file, but for digests of the model."""
-    model = replace(flexgen.read("elbow"), servo=ServoTable("ppi", speed_hz=20.0, speed_feedforward=0.7))
+    model = replace(
+        flexgen.read("elbow"), servo=ServoTable("ppi", speed_hz=20.0, speed_feedforward=0.7)
+    )
     written = []
     for k, servo in enumerate((model.servo, servo_with_gains(model))):
-        made = flexgen.generate(replace(model, servo=servo), tmp_path / str(k), parts=["position"], build=False)
+        made = flexgen.generate(
+            replace(model, servo=servo), tmp_path / str(k), parts=["position"], build=False
+        )
         text = {file.name: file.read_text() for file in made.files if file.suffix in (".c", ".h")}
-        written.append({name: re.sub(r"[0-9a-f]{64}", "digest", each) for name, each in text.items()})
+        written.append(
+            {name: re.sub(r"[0-9a-f]{64}", "digest", each) for name, each in text.items()}
+        )
     assert written[0] == written[1] and "elbow_servo_defaults" in "".join(written[0].values())

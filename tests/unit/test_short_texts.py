@@ -48,7 +48,9 @@ def objects(robot, solution, tmp_path_factory):
         solution.simulation,
         flexgen.export_fmu(robot, folder / "elbow.fmu", binary=False, progress=False),
         flexgen.export_ros2(robot, folder / "ros2"),
-        flexgen.GeneratedLibrary(folder, (folder,) * 100, ("gravity",) * 100, "0" * 64, 1.0, False, True),
+        flexgen.GeneratedLibrary(
+            folder, (folder,) * 100, ("gravity",) * 100, "0" * 64, 1.0, False, True
+        ),
         flexgen.Program(name="long", type="program", start=(0.0, 0.0), steps=steps),
         flexgen.Configuration(np.zeros(100), 0.0, True, 1, 0.1, {}),
         flexgen.Detection(rows, None),
@@ -66,12 +68,17 @@ def objects(robot, solution, tmp_path_factory):
 def test_texts_of_public_objects_are_short_and_have_no_addresses(objects):
     for shown in objects:
         for text in (repr(shown), str(shown)):
-            assert len(text.splitlines()) < 25 and len(text) < 2500, (type(shown).__name__, len(text))
+            assert len(text.splitlines()) < 25 and len(text) < 2500, (
+                type(shown).__name__,
+                len(text),
+            )
             assert " at 0x" not in text and type(shown).__name__ in repr(shown), text
 
 
 def test_a_run_of_many_robots_prints_twenty(robot, solution):
-    run = flexgen.control(robot, solution=solution, plants={"soft": {"stiffness": 0.9}}, progress=False)
+    run = flexgen.control(
+        robot, solution=solution, plants={"soft": {"stiffness": 0.9}}, progress=False
+    )
     assert str(run).count("\n") == len(run.runs) and "more robots" not in str(run)
     many = str(replace(run, runs=run.runs * 50)).splitlines()
     assert len(many) == 22 and many[-1] == f"  and {50 * len(run.runs) - 20} more robots in .runs"

@@ -32,7 +32,11 @@ def differences(equations: Equations, row: Row) -> list[str]:
         sizes["n_y"] = 3
     out = []
     for kind, names, real in (
-        ("inputs", row.inputs.split(), [(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]),
+        (
+            "inputs",
+            row.inputs.split(),
+            [(function.name_in(i), function.size_in(i)) for i in range(function.n_in())],
+        ),
         (
             "outputs",
             row.outputs.split(),
@@ -40,7 +44,11 @@ def differences(equations: Equations, row: Row) -> list[str]:
         ),
     ):
         if not model.n_e:  # empty arrays are left out
-            names = [name for name in names if "n_e" not in (PORTS | PYTHON_PORTS)[name][0] or name == "tau_e"]
+            names = [
+                name
+                for name in names
+                if "n_e" not in (PORTS | PYTHON_PORTS)[name][0] or name == "tau_e"
+            ]
         if names != [name for name, _ in real]:
             out.append(f"{row.name}: {kind} {names}, in fact {[name for name, _ in real]}")
             continue
@@ -54,12 +62,16 @@ def differences(equations: Equations, row: Row) -> list[str]:
 
 def test_every_function_has_one_row_and_stands_in_the_docstring() -> None:
     own = {name: row for name, row in ROWS.items() if not split_product(name)[1]}
-    assert sorted(own) == sorted(BUILDERS) and len(TABLE) + len(PYTHON_TABLE) == len(ROWS) + len(IN_C_ONLY)
+    assert sorted(own) == sorted(BUILDERS) and len(TABLE) + len(PYTHON_TABLE) == len(ROWS) + len(
+        IN_C_ONLY
+    )
     for name, row in own.items():
         assert f"    {name}({', '.join(row.inputs.split())}) -> " in (Equations.__doc__ or "")
 
 
-@pytest.mark.parametrize("model", ["elbow", "planar5_nmp", "beam_arm", "manutec_r3_18", "kr300_efjm"])
+@pytest.mark.parametrize(
+    "model", ["elbow", "planar5_nmp", "beam_arm", "manutec_r3_18", "kr300_efjm"]
+)
 def test_rows_have_the_names_and_shapes_of_the_functions(model: str) -> None:
     equations = derive(model)
     left_out = set(FLEXIBLE_JOINT) - set(offered_functions(equations.model))
@@ -76,5 +88,7 @@ def test_wrong_rows_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert differences(equations, Row("gravity", "", "", "q_m", gravity.outputs))
     monkeypatch.setitem(PORTS, "g", (("n_a", "n_a"), "{tau}", ""))
     assert differences(equations, gravity) == ["gravity: g (2, 2), in fact (2, 1)"]
-    monkeypatch.setitem(BUILDERS, "new", lambda system: ([ca.SX.sym("q_a")], ["q_a"], [ca.SX(1)], ["y"]))
+    monkeypatch.setitem(
+        BUILDERS, "new", lambda system: ([ca.SX.sym("q_a")], ["q_a"], [ca.SX(1)], ["y"])
+    )
     assert sorted(ROWS) != sorted(BUILDERS)

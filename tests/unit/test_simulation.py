@@ -21,8 +21,14 @@ def test_simulation_from_rest_stays_at_rest() -> None:
     base = flexgen.solve(equations, verify=False).trajectory
     n = len(base.time)
     still = {name: np.zeros_like(values) for name, values in base.channels.items()}
-    still |= {"q_a": np.tile(rest.q_a, (n, 1)), "q_m": np.tile(rest.q_m, (n, 1)), "tau_m": np.tile(rest.tau_m, (n, 1))}
-    moved = simulate(equations, dataclasses.replace(base, channels=still)).trajectory["q_a"] - rest.q_a
+    still |= {
+        "q_a": np.tile(rest.q_a, (n, 1)),
+        "q_m": np.tile(rest.q_m, (n, 1)),
+        "tau_m": np.tile(rest.tau_m, (n, 1)),
+    }
+    moved = (
+        simulate(equations, dataclasses.replace(base, channels=still)).trajectory["q_a"] - rest.q_a
+    )
     assert np.abs(moved).max() < 1e-12
 
 
@@ -40,7 +46,10 @@ def test_trajectories_survive_a_file(tmp_path, suffix: str) -> None:  # type: ig
     again = Trajectory.load(path)
     for name, values in solution.trajectory.channels.items():
         assert np.array_equal(again[name], values)
-    assert simulate(equations, path).tool_error_max_m == simulate(equations, solution.trajectory).tool_error_max_m
+    assert (
+        simulate(equations, path).tool_error_max_m
+        == simulate(equations, solution.trajectory).tool_error_max_m
+    )
     path.write_text("no trajectory")
     with pytest.raises(ArgumentError, match="not a trajectory of flexgen"):
         Trajectory.load(path)
@@ -65,8 +74,14 @@ def test_columns_are_known_by_their_labels(tmp_path) -> None:  # type: ignore[no
         return Trajectory.load(tmp_path / "other.csv")
 
     swapped = [text[0], *swapped_pair(text[1:-1], "tau_m[m1] N m", "tau_m[m2] N m"), text[-1]]
-    assert simulate(equations, written(swapped)).tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
-    again = simulate(equations, written([text[0], *swapped_pair(text[1:-1], "y_ref[x] m", "y_ref[z] m"), text[-1]]))
+    assert (
+        simulate(equations, written(swapped)).tool_error_max_m
+        == simulate(equations, trajectory).tool_error_max_m
+    )
+    again = simulate(
+        equations,
+        written([text[0], *swapped_pair(text[1:-1], "y_ref[x] m", "y_ref[z] m"), text[-1]]),
+    )
     assert again.tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
     with pytest.raises(ArgumentError, match="tau_m: given in kN m, expected in N m"):
         simulate(equations, written([text[0], text[1].replace("] N m", "] kN m"), *text[2:]]))
@@ -91,16 +106,23 @@ def test_trajectories_are_regular_files(tmp_path) -> None:  # type: ignore[no-un
 def test_speeds_of_the_start_have_their_units():
     """Were the units not looked at, deg/s would be taken as rad/s: an error of meters."""
     trajectory = flexgen.solve("elbow", verify=False, progress=False).trajectory
-    ports = {name: dataclasses.replace(p, unit="deg/s") if name == "v_a" else p for name, p in trajectory.ports.items()}
+    ports = {
+        name: dataclasses.replace(p, unit="deg/s") if name == "v_a" else p
+        for name, p in trajectory.ports.items()
+    }
     wrong = dataclasses.replace(trajectory, ports=ports, units={})
     with pytest.raises(ArgumentError, match=r"moving: given v_a in deg/s, expected rad/s \(column"):
         flexgen.simulate("elbow", wrong, moving=True, progress=False)
-    assert flexgen.simulate("elbow", trajectory, moving=True, progress=False).tool_error_max_m < 1e-6
+    assert (
+        flexgen.simulate("elbow", trajectory, moving=True, progress=False).tool_error_max_m < 1e-6
+    )
 
 
 def test_a_clock_that_counts_from_1970_gives_the_errors_of_the_motion() -> None:
     """Its resolution is a quarter of a microsecond; the integrator failed on it, or was 55 um wrong."""
     trajectory = flexgen.solve("elbow", verify=False).trajectory
-    found = flexgen.simulate("elbow", dataclasses.replace(trajectory, time=trajectory.time + 1.7e9), held=0.0)
+    found = flexgen.simulate(
+        "elbow", dataclasses.replace(trajectory, time=trajectory.time + 1.7e9), held=0.0
+    )
     assert found.tool_error_max_m is not None and found.tool_error_max_m < 5e-7
     assert found.trajectory.time[0] == 1.7e9 + trajectory.time[0]

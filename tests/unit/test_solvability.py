@@ -38,7 +38,11 @@ def effect_of_the_drives(equations: Equations, pose: tuple[float, ...]) -> np.nd
     W = np.zeros((model.output.size, n))
     W[:, : model.n_a] = linearize(equations, rest).W[:, : model.n_a]
     out = np.zeros((model.output.size, model.n_g))
-    kinds = {c.name: c.dof.gear for c in model.coordinates if c.dof is not None and c.dof.gear is not None}
+    kinds = {
+        c.name: c.dof.gear
+        for c in model.coordinates
+        if c.dof is not None and c.dof.gear is not None
+    }
     rigid = [j for j in range(model.n_m) if j not in model.i_m]
     stiff = [k for k, i in enumerate(model.i_g) if kinds[model.coordinates[i].name].rigid]
     for k, j in zip(stiff, rigid, strict=True):
@@ -64,7 +68,9 @@ def test_the_matrix_of_every_model(name: str) -> None:
     assert found.regular == (name not in FLAT)
     assert found.controllability > 1e-4
     for degree, gear in zip(
-        found.relative_degree, (c.dof.gear for c in equations.model.coordinates if c.actuated), strict=True
+        found.relative_degree,
+        (c.dof.gear for c in equations.model.coordinates if c.actuated),
+        strict=True,
     ):
         assert degree == (2 if gear.rigid else 3 if gear.damping > 0 else 4)
 
@@ -95,7 +101,9 @@ def test_the_determinant_explains_the_verdict() -> None:
         assert found.matrix is not None
         D = np.diag([400.0, 250.0])
         # gravity deflects the passive joint a little, which the closed form leaves out
-        assert abs(np.linalg.det(found.matrix @ np.linalg.inv(D))) == pytest.approx(abs(expected), rel=2e-2)
+        assert abs(np.linalg.det(found.matrix @ np.linalg.inv(D))) == pytest.approx(
+            abs(expected), rel=2e-2
+        )
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "elbow@rigid"])
@@ -128,7 +136,9 @@ def test_a_flat_point_and_distal_elasticity_are_named() -> None:
     assert found.inertia_sigma_min is not None
     assert found.inertia_sigma_min < 1e-12
     assert found.distal == ("q3",)
-    assert any("flat point" in text and "beyond the last actuator (q3)" in text for text in found.warnings)
+    assert any(
+        "flat point" in text and "beyond the last actuator (q3)" in text for text in found.warnings
+    )
     far = at_pose(flexgen.derive("planar5_nmp"), (0.3, -1.1))
     assert far.warnings == ()
 
@@ -152,7 +162,9 @@ def test_a_dead_band_gear_without_slope_transmits_no_torque() -> None:
     # without smoothing the dead band has no slope at all at its center, where gravity is off
     gear = replace(upper.dofs[0].gear, spring=BacklashSpring(7.5e6, 1e-3, 1e-9), damping=0.0)  # type: ignore[type-var]
     loose = replace(upper, dofs=(replace(upper.dofs[0], gear=gear),))
-    equations = Equations(replace(model, elements=(loose, *model.elements[1:]), gravity=(0.0, 0.0, 0.0)))
+    equations = Equations(
+        replace(model, elements=(loose, *model.elements[1:]), gravity=(0.0, 0.0, 0.0))
+    )
     rest = hold_joints(equations, np.array(model.home))
     slope = evaluate(equations.function("gear_law"), np.zeros(2))[1][0]
     assert slope[0] < 1e-4
@@ -164,9 +176,15 @@ def test_a_dead_band_gear_without_slope_transmits_no_torque() -> None:
 def test_a_single_rigid_axis_has_no_rate_of_its_own() -> None:
     model = read("elbow@rigid", overrides={"gravity": [0.0, 0.0, 0.0]})
     output = replace(model.output, type="combination", axes="", weights=((1.0,),))
-    alone = replace(model, elements=model.elements[:1], motors=model.motors[:1], output=output, home=(0.2,))
+    alone = replace(
+        model, elements=model.elements[:1], motors=model.motors[:1], output=output, home=(0.2,)
+    )
     analysis = flexgen.analyze(alone)
-    assert (analysis.zeros.phase, analysis.kunkel_mehrmann.mu, analysis.solvability.regular) == ("flat", 2, True)
+    assert (analysis.zeros.phase, analysis.kunkel_mehrmann.mu, analysis.solvability.regular) == (
+        "flat",
+        2,
+        True,
+    )
     assert np.abs(analysis.poles).max() == 0.0
 
 
@@ -176,7 +194,9 @@ def test_a_single_rigid_axis_has_no_rate_of_its_own() -> None:
 def masses(spring: float, coupling: float) -> LinearModel:
     """Two masses with springs to the ground and between them; the motor pushes the first."""
     K = np.array([[1.0 + coupling, -coupling], [-coupling, spring + coupling]])
-    return LinearModel(np.eye(2), 0.02 * K, K, np.array([[1.0], [0.0]]), np.zeros((1, 2)), np.zeros((1, 2)))
+    return LinearModel(
+        np.eye(2), 0.02 * K, K, np.array([[1.0], [0.0]]), np.zeros((1, 2)), np.zeros((1, 2))
+    )
 
 
 def test_controllability_of_two_masses() -> None:
@@ -184,9 +204,15 @@ def test_controllability_of_two_masses() -> None:
     assert controllability(masses(2.0, 0.0)) < 1e-15  # planted: nothing reaches the second mass
     assert 1e-7 < controllability(masses(2.0, 1e-6)) < 1e-5
     pushed = replace(masses(1.0, 0.3), B=np.array([[1.0], [1.0]]))
-    assert controllability(pushed) < 1e-15  # the masses move alike: their difference is out of reach
+    # the masses move alike: their difference is out of reach
+    assert controllability(pushed) < 1e-15
     free = LinearModel(
-        np.eye(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), np.ones((1, 1))
+        np.eye(1),
+        np.zeros((1, 1)),
+        np.zeros((1, 1)),
+        np.ones((1, 1)),
+        np.zeros((1, 1)),
+        np.ones((1, 1)),
     )
     assert controllability(free) == pytest.approx(1.0)
 
@@ -196,7 +222,9 @@ def test_an_element_across_the_plane_is_not_controllable() -> None:
     model = read("planar5_nmp")
     last = model.elements[-1]
     across = replace(last.dofs[0], name="across", axis=(0.0, 1.0, 0.0))
-    equations = Equations(replace(model, elements=(*model.elements[:-1], replace(last, dofs=(*last.dofs, across)))))
+    equations = Equations(
+        replace(model, elements=(*model.elements[:-1], replace(last, dofs=(*last.dofs, across))))
+    )
     found = at_pose(equations, (0.3, -1.1))
     assert found.controllability < 1e-12
     assert any(text.startswith("not controllable") for text in found.warnings)
@@ -232,7 +260,9 @@ def test_refusals_along_a_path() -> None:
     path = Path(equations, equations.model.move())
     with pytest.raises(ArgumentError, match="given n = 0, expected 1 pose or more"):
         solvability_path(equations, path, n=0)
-    motors = tuple(replace(motor, axis=(0.0, 0.0, 1.0), carrier="base") for motor in equations.model.motors)
+    motors = tuple(
+        replace(motor, axis=(0.0, 0.0, 1.0), carrier="base") for motor in equations.model.motors
+    )
     complete = Equations(replace(equations.model, motors=motors, motor_coupling="complete"))
     with pytest.raises(ArgumentError, match="'simplified'"):
         solvability_path(complete, path)
@@ -246,7 +276,9 @@ def test_the_analysis_contains_the_verdict_and_its_matrix() -> None:
     assert plain["structure"]["index"] == plain["structural_index"] == 4
     assert plain["kunkel_mehrmann"]["mu"] == 3
     assert plain["solvability"]["regular"] is True
-    along = flexgen.analyze(equations, path=Path(equations, equations.model.move()), poses=5).to_dict()
+    along = flexgen.analyze(
+        equations, path=Path(equations, equations.model.move()), poses=5
+    ).to_dict()
     assert along["zeros_along_path"]["unstable"] == [1] * 5
     assert len(along["solvability_along_path"]["t"]) == 5
     json.dumps(along, allow_nan=False)
@@ -261,7 +293,9 @@ def test_slow_poles_are_those_without_a_light_mass_on_a_stiff_spring(light: floa
         n = len(masses)
         ground = np.zeros((n, n))
         ground[-1, -1] = 2.0
-        return LinearModel(np.diag(masses), d * spring, k * spring + ground, *[np.eye(n)[:, :1]] * 2, np.eye(n)[:1])
+        return LinearModel(
+            np.diag(masses), d * spring, k * spring + ground, *[np.eye(n)[:, :1]] * 2, np.eye(n)[:1]
+        )
 
     three = np.array([[stiff, -stiff, 0.0], [-stiff, stiff + 1.0, -1.0], [0.0, -1.0, 1.0]])
     two = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (1.0 + 1.0 / stiff)

@@ -56,12 +56,16 @@ def test_a_finer_mesh_is_tried(equations: Equations, calls) -> None:  # type: ig
     assert solution.details["attempts"] == ["lq, intervals of 0.005 s: lq planted"]
 
 
-def test_each_attempt_halves_the_intervals(equations: Equations, calls, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
+def test_each_attempt_halves_the_intervals(
+    equations: Equations, calls, monkeypatch: pytest.MonkeyPatch
+) -> None:  # type: ignore[no-untyped-def]
     """Those of the method, and those that an error of the time limit names."""
     steps, named = list[float](), list[str]()
     calls(lambda name, count: count < 3)
     planted = solve_module.run_method
-    monkeypatch.setattr(solve_module, "run_method", lambda m, p, h: (steps.append(h), planted(m, p, h))[1])
+    monkeypatch.setattr(
+        solve_module, "run_method", lambda m, p, h: (steps.append(h), planted(m, p, h))[1]
+    )
     monkeypatch.setattr(solve_module, "check_time", named.append)
     flexgen.solve(equations, verify=False)
     assert len(steps) == 3 and steps == [steps[0] / 2**k for k in range(len(steps))]
@@ -72,7 +76,11 @@ def test_each_attempt_halves_the_intervals(equations: Equations, calls, monkeypa
 def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
     names = calls(lambda name, count: name == "lq")
     solution = flexgen.solve(equations)
-    assert names == ["lq"] * 3 + ["bvp"] and solution.status == Status.SOLVED and solution.method == "bvp"
+    assert (
+        names == ["lq"] * 3 + ["bvp"]
+        and solution.status == Status.SOLVED
+        and solution.method == "bvp"
+    )
     assert [text.split(",")[0] for text in solution.details["attempts"]] == ["lq"] * 3
 
 
@@ -81,17 +89,27 @@ def test_lq_is_tried_after_a_closed_form_that_misses_and_the_reason_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Planted: the closed form ends with the path, although the deflections of damped gears decay after it."""
-    monkeypatch.setattr(closed_form, "instants", lambda duration, step, settling: instants(duration, step, 0.0))
+    monkeypatch.setattr(
+        closed_form, "instants", lambda duration, step, settling: instants(duration, step, 0.0)
+    )
     messages: list[str] = []
-    solution = flexgen.solve(ROOT / "tests" / "support" / "robots" / "gantry.toml", "fast", progress=messages.append)
-    assert solution.method == "lq" and solution.status == Status.SOLVED and solution.tool_error_max_m < 5e-8
+    solution = flexgen.solve(
+        ROOT / "tests" / "support" / "robots" / "gantry.toml", "fast", progress=messages.append
+    )
+    assert (
+        solution.method == "lq"
+        and solution.status == Status.SOLVED
+        and solution.tool_error_max_m < 5e-8
+    )
     (reason,) = solution.details["attempts"]
     assert reason.startswith("closed-form: verified error 9.50e-02 is above 1e-05")
     assert f"trying method lq; before: {reason}" in messages
     assert f"  tried before: {reason}" in str(solution).splitlines()
 
 
-@pytest.mark.parametrize("method", [name for name, m in methods().items() if not m.module.endswith(".baselines")])
+@pytest.mark.parametrize(
+    "method", [name for name, m in methods().items() if not m.module.endswith(".baselines")]
+)
 def test_the_verification_of_every_method_covers_half_a_second_after_its_end(method: str) -> None:
     """Planted: a last torque that is 5 N m too high, whatever the method, moves the tool while it is held."""
     problem = question("elbow")
@@ -101,7 +119,11 @@ def test_the_verification_of_every_method_covers_half_a_second_after_its_end(met
     errors = []
     for torque in (result.motors.tau_m, tau_m):
         planted = replace(result, motors=replace(result.motors, tau_m=torque))
-        errors.append(verify_by_simulation(problem, solve_module.make_solution(problem, method, planted)).worst)
+        errors.append(
+            verify_by_simulation(
+                problem, solve_module.make_solution(problem, method, planted)
+            ).worst
+        )
     assert errors[0] < 1e-8 and errors[1] > 0.01
 
 
@@ -133,7 +155,12 @@ def test_a_method_that_was_asked_for_is_the_only_one(equations: Equations, calls
 def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
     names = calls(lambda name, count: False)
     move = flexgen.Move(
-        "far", "tool_line", start=equations.model.home, displacement=(9.0, 0.0, 0.0), duration=1.0, smoothness=5
+        "far",
+        "tool_line",
+        start=equations.model.home,
+        displacement=(9.0, 0.0, 0.0),
+        duration=1.0,
+        smoothness=5,
     )
     with pytest.raises(SolverError):
         flexgen.solve(equations, move)
@@ -150,10 +177,14 @@ def test_a_singular_pose_ends_the_attempts(equations: Equations, calls) -> None:
 
 
 @pytest.mark.slow
-def test_a_joint_move_through_a_singular_pose_of_the_tool_gets_an_advice(equations: Equations) -> None:
+def test_a_joint_move_through_a_singular_pose_of_the_tool_gets_an_advice(
+    equations: Equations,
+) -> None:
     """With joints as outputs it is solved."""
     move = Move("through", "joint", (0.3, -0.6), end=(0.6, 0.6), duration=1.0, smoothness=5)
-    with pytest.raises(SolverError, match=r'singular pose.*give the model an output of type "joint" for this move'):
+    with pytest.raises(
+        SolverError, match=r'singular pose.*give the model an output of type "joint" for this move'
+    ):
         flexgen.solve(equations, move, progress=False)
     model = equations.model
     rows = tuple(tuple(float(i == k) for k in range(model.n_a)) for i in model.i_g)
@@ -161,9 +192,14 @@ def test_a_joint_move_through_a_singular_pose_of_the_tool_gets_an_advice(equatio
     assert flexgen.solve(joints, move, progress=False).status == Status.SOLVED
 
 
-def test_a_torque_that_ripples_between_the_samples_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_torque_that_ripples_between_the_samples_is_a_warning(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     solved = flexgen.solve("elbow", progress=False)
     assert solved.warnings == ()
     monkeypatch.setattr(solve_module, "RIPPLE", solved.residual_relative / 2)
     again = flexgen.solve("elbow", progress=False)
-    assert again.status == Status.SOLVED and "the samples do not resolve the motor torques" in again.warnings[0]
+    assert (
+        again.status == Status.SOLVED
+        and "the samples do not resolve the motor torques" in again.warnings[0]
+    )

@@ -47,13 +47,17 @@ def test_the_error_falls_with_the_order_of_the_method() -> None:
 
 @pytest.mark.parametrize("damping", [1.0, 1e-2, 1e-6])
 def test_gears_with_next_to_no_damping(damping: float) -> None:
-    solution = flexgen.solve(read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.damping": damping}))
+    solution = flexgen.solve(
+        read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.damping": damping})
+    )
     assert (solution.tool_error_max_m or 1) < RIGHT
 
 
 def test_flexible_joint_closed_form_against_the_textbook() -> None:
     """tau = J q_m'' + f + M a + c + g with q_m = q + K^-1 (M a + c + g), two undamped gears, derivatives by splines."""
-    changes = {f"element.{e}.dof.{q}.gear.damping": 0.0 for e, q in (("upper", "q1"), ("fore", "q2"))}
+    changes = {
+        f"element.{e}.dof.{q}.gear.damping": 0.0 for e, q in (("upper", "q1"), ("fore", "q2"))
+    }
     equations = flexgen.derive(read("elbow", overrides=changes))
     model = equations.model
     solution = flexgen.solve(equations, "joints", verify=False)
@@ -75,12 +79,17 @@ def test_drives_with_a_nonlinear_damped_gear_against_an_integrator() -> None:
     t = np.linspace(0, 0.2, 201)
     w = 2 * np.pi * 5
     amplitude = 3e4
-    tau = amplitude * np.stack([np.sin(w * t) ** 2, w * np.sin(2 * w * t), 2 * w**2 * np.cos(2 * w * t)], axis=-1)
+    tau = amplitude * np.stack(
+        [np.sin(w * t) ** 2, w * np.sin(2 * w * t), 2 * w**2 * np.cos(2 * w * t)], axis=-1
+    )
     p, dp, ddp = deflections(equations, t, tau[:, None, :])
     spring = equations.function("gear_law")
     damping = 0.08 * 220**2
     exact = solve_ivp(
-        lambda s, x: (amplitude * np.sin(w * s) ** 2 - np.array(spring(x.reshape(1, -1))[0]).ravel()) / damping,
+        lambda s, x: (
+            (amplitude * np.sin(w * s) ** 2 - np.array(spring(x.reshape(1, -1))[0]).ravel())
+            / damping
+        ),
         (0, 0.2),
         [0.0],
         method="Radau",
@@ -91,7 +100,8 @@ def test_drives_with_a_nonlinear_damped_gear_against_an_integrator() -> None:
     # the spring's curvature jumps at its break, which costs the fixed steps of 1 ms some digits there
     assert np.abs(p[:, 0] - exact.y[0]).max() < 1e-4 * np.abs(p).max()
     fine = make_interp_spline(t, exact.y[0], k=5)
-    away = np.abs(np.abs(p[:, 0]) - 0.064 / 220) > 1e-4  # from the break, where a spline through samples cannot follow
+    # from the break, where a spline through samples cannot follow
+    away = np.abs(np.abs(p[:, 0]) - 0.064 / 220) > 1e-4
     assert np.abs(fine(t, 1) - dp[:, 0])[away].max() < 1e-2 * np.abs(dp).max()
     assert np.isfinite(ddp).all()
 
@@ -126,9 +136,9 @@ def test_the_residual_rejects_a_wrong_solution() -> None:
     trajectory = flexgen.solve(equations, verify=False).trajectory
     wrong = dict(trajectory.channels, tau_m=trajectory["tau_m"] + 0.1)
     assert residual_rows(equations, trajectory).max() < 1e-3
-    assert residual_rows(equations, dataclasses.replace(trajectory, channels=wrong)).max() == pytest.approx(
-        0.1, rel=1e-2
-    )
+    assert residual_rows(
+        equations, dataclasses.replace(trajectory, channels=wrong)
+    ).max() == pytest.approx(0.1, rel=1e-2)
 
 
 @pytest.mark.slow
@@ -148,24 +158,44 @@ def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
         return dataclasses.replace(simulate(*arguments, **options), energy_error=1e-3)  # type: ignore[arg-type]
 
     monkeypatch.setattr(solving, "simulate", leaking)
-    assert flexgen.solve("planar5_mp", method="collocation", mesh=0.005).status == Status.TOLERANCE_NOT_MET
+    assert (
+        flexgen.solve("planar5_mp", method="collocation", mesh=0.005).status
+        == Status.TOLERANCE_NOT_MET
+    )
     monkeypatch.setattr(solving, "simulate", simulate)
     monkeypatch.setattr(nlp, "_violation", lambda *bounds: 1.0)
     with pytest.raises(SolverError, match="Solve_Succeeded"):
         flexgen.solve("planar5_mp", method="collocation", mesh=0.005)
 
 
-@pytest.mark.parametrize(("duration", "step"), [(4.0, 1e-3), (0.4, 1e-3), (0.2, 5e-4), (0.01, 2.5e-5)])
-def test_a_torque_has_a_sample_each_millisecond_and_at_least_400(duration: float, step: float) -> None:
+@pytest.mark.parametrize(
+    ("duration", "step"), [(4.0, 1e-3), (0.4, 1e-3), (0.2, 5e-4), (0.01, 2.5e-5)]
+)
+def test_a_torque_has_a_sample_each_millisecond_and_at_least_400(
+    duration: float, step: float
+) -> None:
     plain = SimpleNamespace(coordinates=(), motors=())
-    problem = SimpleNamespace(path=SimpleNamespace(duration=duration), equations=SimpleNamespace(model=plain))
+    problem = SimpleNamespace(
+        path=SimpleNamespace(duration=duration), equations=SimpleNamespace(model=plain)
+    )
     assert InversionProblem.step.func(problem) == pytest.approx(step, rel=1e-12)  # type: ignore
 
 
-@pytest.mark.parametrize(("early", "longest", "shortest"), [(0.3, 0.02, 1e-3), (0.05, 0.02, 1e-4), (4e-4, 0.02, 1e-3)])
-def test_nodes_before_the_path_become_closer_towards_it(early: float, longest: float, shortest: float) -> None:
+@pytest.mark.parametrize(
+    ("early", "longest", "shortest"), [(0.3, 0.02, 1e-3), (0.05, 0.02, 1e-4), (4e-4, 0.02, 1e-3)]
+)
+def test_nodes_before_the_path_become_closer_towards_it(
+    early: float, longest: float, shortest: float
+) -> None:
     nodes = _graded_nodes(early, longest, shortest)
     assert nodes is not None and nodes[0] == pytest.approx(-early) and nodes[-1] == 0.0
     steps = np.diff(nodes)[::-1]  # from the path on
-    assert steps[0] <= shortest * (1 + 1e-12) and steps.max() <= longest and np.all(np.diff(steps) >= -1e-12)
-    assert _graded_nodes(early, longest, longest) is None and _graded_nodes(0.0, longest, shortest) is None
+    assert (
+        steps[0] <= shortest * (1 + 1e-12)
+        and steps.max() <= longest
+        and np.all(np.diff(steps) >= -1e-12)
+    )
+    assert (
+        _graded_nodes(early, longest, longest) is None
+        and _graded_nodes(0.0, longest, shortest) is None
+    )

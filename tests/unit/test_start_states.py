@@ -41,14 +41,20 @@ def shooting(tmp_path_factory: pytest.TempPathFactory) -> fits._Shooting:
     plan = flexgen.excite(model, poses=[[0.5, -0.3]], period_s=1.0, lines=6)
     writer = RecordingWriter(folder, plan, model)
     flexgen.measure(plan, model, raw=writer)
-    return fits._Shooting(ParameterVector(model, ["q1.stiffness"]), read_description(writer.finish()), 0.05)
+    return fits._Shooting(
+        ParameterVector(model, ["q1.stiffness"]), read_description(writer.finish()), 0.05
+    )
 
 
-def test_states_that_no_output_shows_stay(shooting: fits._Shooting, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_states_that_no_output_shows_stay(
+    shooting: fits._Shooting, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of noisy angles. Without the prior the mast moves a thousand times as far, and takes part in the noise."""
     first = shooting.z
     y = [c.name for c in shooting.model.coordinates].index("y")
-    shooting.y = shooting.y + 1e-3 * np.std(shooting.y) * np.random.default_rng(0).standard_normal(shooting.y.shape)
+    shooting.y = shooting.y + 1e-3 * np.std(shooting.y) * np.random.default_rng(0).standard_normal(
+        shooting.y.shape
+    )
     far = []
     for prior in (1e9, fits.FAR):
         monkeypatch.setattr(fits, "FAR", prior)

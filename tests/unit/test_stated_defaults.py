@@ -19,7 +19,12 @@ from flexgen.spec.keys import REQUIRED, Kinds
 from flexgen.verbs import VERBS
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [*ROOT.glob("docs/*.md"), ROOT / "README.md", ROOT / "models" / "README.md", *ROOT.glob("flexgen/*/README.md")]
+PAGES = [
+    *ROOT.glob("docs/*.md"),
+    ROOT / "README.md",
+    ROOT / "models" / "README.md",
+    *ROOT.glob("flexgen/*/README.md"),
+]
 PAGES.remove(ROOT / "flexgen" / "models" / "README.md")  # a link to models/
 STATED = re.compile(
     r"(?:(?P<first>(?<![\w.])\d[-.\de]*) (?:s )?\(default\)|\b(?P<zero>0) by default"
@@ -41,7 +46,9 @@ def of_keys(table: str, name: str) -> float:
     """The default of a key, which is the same in all kinds of its table that have one."""
     form = TABLES[table]
     keys = (
-        [k for own in form.kinds.values() for k in (*form.shared, *own.keys)] if isinstance(form, Kinds) else form.keys
+        [k for own in form.kinds.values() for k in (*form.shared, *own.keys)]
+        if isinstance(form, Kinds)
+        else form.keys
     )
     (default,) = {key.default for key in keys if key.name == name and key.default is not REQUIRED}
     return float(default)
@@ -77,12 +84,18 @@ HELPS = {
 
 
 def test_defaults_on_the_pages_are_those_of_the_program():
-    pages = {str(page.relative_to(ROOT)): stated(page.read_text(encoding="utf-8")) for page in PAGES}
+    pages = {
+        str(page.relative_to(ROOT)): stated(page.read_text(encoding="utf-8")) for page in PAGES
+    }
     assert {name: found for name, found in pages.items() if found} == TRUTHS
 
 
 def test_defaults_in_the_helps_are_those_of_the_program():
-    options = {(verb.name, option.name): option.help for verb in VERBS.values() for option in verb.options()}
+    options = {
+        (verb.name, option.name): option.help
+        for verb in VERBS.values()
+        for option in verb.options()
+    }
     assert {name: found for name, text in options.items() if (found := stated(text))} == {
         name: [value] for name, value in HELPS.items()
     }

@@ -53,7 +53,10 @@ SENTENCES = {
         ("grow to {} of it", WORDS.get(1 / open_loop.RESOLVED)),
     ),
     "docs/limits_and_streams.md": (
-        ("{:.0f} time constants of the slowest unstable zero are sufficient", math.log(1 / zeros.PREVIEW_SHARE)),
+        (
+            "{:.0f} time constants of the slowest unstable zero are sufficient",
+            math.log(1 / zeros.PREVIEW_SHARE),
+        ),
         ("The delay is in samples there, 0 to {:d}.", DELAY_MAX),
     ),
     "docs/c_library.md": (
@@ -61,8 +64,12 @@ SENTENCES = {
         ("tolerance {:.0e} the output", TOLERANCES["double"]),
         ("for about {} the duration", WORDS.get(limits.LATE)),
     ),
-    "docs/benchmarks.md": (("moves the tool by less than {:.0f} nm", 1e9 * settling.SETTLED * problem.ACCURACY),),
-    "docs/not_for.md": (("Errors below {:g} um are those of the computation", 1e6 * sentence.NUMERICAL),),
+    "docs/benchmarks.md": (
+        ("moves the tool by less than {:.0f} nm", 1e9 * settling.SETTLED * problem.ACCURACY),
+    ),
+    "docs/not_for.md": (
+        ("Errors below {:g} um are those of the computation", 1e6 * sentence.NUMERICAL),
+    ),
     "docs/command_line.md": (
         ("Exit status: {:d} success", cli.SUCCESS),
         ("{:d} failure (with the reason", cli.FAILURE),
@@ -108,7 +115,17 @@ SENTENCES = {
     ),
 }
 FACTORS = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6}
-UNITS = {"rad": 1.0, "m": 1.0, "s": 1.0, "g": 9.80665, "deg": math.pi / 180.0, "N m": 1.0, "A": 1.0, "N": 1.0, "1": 1.0}
+UNITS = {
+    "rad": 1.0,
+    "m": 1.0,
+    "s": 1.0,
+    "g": 9.80665,
+    "deg": math.pi / 180.0,
+    "N m": 1.0,
+    "A": 1.0,
+    "N": 1.0,
+    "1": 1.0,
+}
 RANGES = {  # rows of docs/own_robot.md: the ranges in the order of the row
     "lowest mode of each spring": (numbers.FREQUENCY,),
     "damping ratio": (numbers.DAMPING,),
@@ -123,7 +140,9 @@ RANGES = {  # rows of docs/own_robot.md: the ranges in the order of the row
 def test_numbers_in_sentences_of_a_page_are_those_of_the_program(page: str) -> None:
     text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
     wrong = [words.format(value) for words, value in SENTENCES[page]]
-    assert [words for words in wrong if words.replace("e-0", "e-").replace("e+0", "e") not in text] == []
+    assert [
+        words for words in wrong if words.replace("e-0", "e-").replace("e+0", "e") not in text
+    ] == []
 
 
 def test_the_usual_ranges_on_the_page_are_those_of_the_check() -> None:
@@ -145,7 +164,9 @@ def test_the_usual_ranges_on_the_page_are_those_of_the_check() -> None:
 def test_statuses_on_the_page_are_those_of_the_library() -> None:
     page = (ROOT / "docs" / "c_library.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([A-Z_]+)` \| (-?\d+) \|", page, re.MULTILINE)
-    assert {name: int(value) for name, value in rows} == {status.name: status.code for status in STATUSES}
+    assert {name: int(value) for name, value in rows} == {
+        status.name: status.code for status in STATUSES
+    }
 
 
 def si(unit: str) -> float:
@@ -154,7 +175,9 @@ def si(unit: str) -> float:
     if below:
         return si(above) / (si(below[:-2]) ** 2 if below.endswith("^2") else si(below))
     (found,) = {
-        FACTORS[unit[: -len(base)]] * UNITS[base] for base in UNITS if unit.endswith(base) and whole(unit, base)
+        FACTORS[unit[: -len(base)]] * UNITS[base]
+        for base in UNITS
+        if unit.endswith(base) and whole(unit, base)
     }
     return found
 
@@ -166,12 +189,20 @@ def whole(unit: str, base: str) -> bool:
 
 @pytest.mark.parametrize(
     "table",
-    [*sensors.UNITS.values(), description.TIME_UNITS, description.ANGLE_UNITS, description.TORQUE_UNITS],
+    [
+        *sensors.UNITS.values(),
+        description.TIME_UNITS,
+        description.ANGLE_UNITS,
+        description.TORQUE_UNITS,
+    ],
 )
 def test_factors_of_units_follow_from_their_names(table: dict[str, float]) -> None:
     assert table == pytest.approx({unit: si(unit) for unit in table}, rel=1e-15)
 
 
 def test_lengths_of_a_benchmark_are_inverse_to_their_units() -> None:
-    assert pytest.approx({unit: 1 / si(unit) for unit in ("m", "mm", "um")}, rel=1e-15) == scenario_file.LENGTHS
+    assert (
+        pytest.approx({unit: 1 / si(unit) for unit in ("m", "mm", "um")}, rel=1e-15)
+        == scenario_file.LENGTHS
+    )
     assert interface.SLOWEST == 1.0  # "takes longer than a second", docs/control.md

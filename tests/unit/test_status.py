@@ -26,14 +26,18 @@ def test_values():
 def test_a_status_has_a_sentence_and_an_advice(status):
     for text in (status.sentence, status.advice):
         assert text.endswith(".") and len(text.split()) > 4
-    assert len({other.sentence for other in Status}) == len({other.advice for other in Status}) == len(Status)
+    assert (
+        len({other.sentence for other in Status})
+        == len({other.advice for other in Status})
+        == len(Status)
+    )
 
 
 @pytest.mark.parametrize("status", Status)
 def test_a_status_is_stored_as_its_value(status):
-    assert str(status) == f"{status}" == status.value and json.loads(json.dumps({"status": status})) == {
-        "status": status.value
-    }
+    assert str(status) == f"{status}" == status.value and json.loads(
+        json.dumps({"status": status})
+    ) == {"status": status.value}
     assert Status(status.value) is status and pickle.loads(pickle.dumps(status)) is status
 
 
@@ -56,5 +60,8 @@ def test_figures_are_rows_of_label_value_and_unit():
     assert {key: data[key] for *_, key in rows} == {key: value for _, value, _, key in rows}
     assert json.loads(json.dumps(data, allow_nan=False)) == data
     measured = {key: (value, unit) for _, value, unit, key in rows}
-    assert measured["tool_error_max_m"] == (solution.tool_error_max_m, "m") and solution.tool_error_max_m is not None
+    assert (
+        measured["tool_error_max_m"] == (solution.tool_error_max_m, "m")
+        and solution.tool_error_max_m is not None
+    )
     assert measured["intervals"] == (None, "") and measured["preactuation_s"] == (0.0, "s")

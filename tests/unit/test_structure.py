@@ -57,7 +57,10 @@ def test_the_table_of_the_planar_arm(
     assert check.holds
     assert check.verdict == f"structure holds: index {index}, {dof} degrees of freedom"
     named = [found.name_block(block) for block in found.form.blocks]
-    assert named[0] == {"equations": ["motion q3", "tool x", "tool y"], "unknowns": ["q1", "q2", "q3"]}
+    assert named[0] == {
+        "equations": ["motion q3", "tool x", "tool y"],
+        "unknowns": ["q1", "q2", "q3"],
+    }
     assert named[1:] == [
         {"equations": ["motion q1"], "unknowns": ["m1"]},
         {"equations": ["motion q2"], "unknowns": ["m2"]},
@@ -161,7 +164,9 @@ def offsets_hold(found: Structure) -> bool:
     )
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp@undamped", "kr300", "manutec_r3_efjm", "beam_arm", "urdf_arm"])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp@undamped", "kr300", "manutec_r3_efjm", "beam_arm", "urdf_arm"]
+)
 def test_offsets_satisfy_the_conditions(name: str) -> None:
     found = structure(flexgen.derive(name))
     assert offsets_hold(found)
@@ -188,7 +193,9 @@ def test_the_system_jacobian_is_the_derivative_of_differentiated_equations() -> 
     analysis = flexgen.analyze(equations)
     dae = InverseDae(equations)
     series = TaylorArray(dae)
-    J = system_jacobian(series, found, np.stack([dae.pack(analysis.equilibrium), np.zeros(dae.n_x)]))
+    J = system_jacobian(
+        series, found, np.stack([dae.pack(analysis.equilibrium), np.zeros(dae.n_x)])
+    )
     by_hand = np.vstack([analysis.linear.M[2, :3], analysis.linear.W[:, :3]])
     scales = series.scales(dae.pack(analysis.equilibrium))
     rows = np.concatenate([scales.rows[dae.dynamic[2:3]] / scales.time**2, scales.rows[dae.output]])

@@ -23,7 +23,9 @@ from flexgen.sweeps.cases import Grid, random_moves
 from flexgen.sweeps.closed_form_batch import JointMoves, friction_derivatives, unfit
 from flexgen.sweeps.sweep import sweep
 
-SAME = 1e-9  # relative to the largest torque of the motor: what is promised; rounding and differences leave 1e-12
+# relative to the largest torque of the motor: what is promised; rounding and differences leave
+# 1e-12
+SAME = 1e-9
 BATCH = {"verify": False, "batch": True}
 
 
@@ -39,11 +41,18 @@ def difference(equations: Equations, mover: JointMoves, count: int = 1) -> float
     for move, torque in zip(moves, mover.torques(starts, ends), strict=True):
         one = flexgen.solve(equations, move, "closed-form", verify=False).trajectory
         assert one.time == pytest.approx(mover.t, abs=1e-15)
-        worst = max(worst, float((np.abs(torque - one["tau_m"]).max(axis=0) / np.abs(one["tau_m"]).max(axis=0)).max()))
+        worst = max(
+            worst,
+            float(
+                (np.abs(torque - one["tau_m"]).max(axis=0) / np.abs(one["tau_m"]).max(axis=0)).max()
+            ),
+        )
     return worst
 
 
-def with_gears(model: RobotModel, friction: Friction = NO_FRICTION, damping: float | None = None) -> RobotModel:
+def with_gears(
+    model: RobotModel, friction: Friction = NO_FRICTION, damping: float | None = None
+) -> RobotModel:
     """Elastic gears with friction of their joints, or with another damping."""
     elements = []
     for element in model.elements:
@@ -61,7 +70,9 @@ def coupled(model: RobotModel) -> RobotModel:
     """The second motor drives the first joint as well."""
     first, second = model.motors[:2]
     drives, ratio = (*first.drives, *second.drives), (0.3 * second.ratio[0], *second.ratio)
-    return dataclasses.replace(model, motors=(first, dataclasses.replace(second, drives=drives, ratio=ratio)))
+    return dataclasses.replace(
+        model, motors=(first, dataclasses.replace(second, drives=drives, ratio=ratio))
+    )
 
 
 @pytest.mark.slow
@@ -70,7 +81,8 @@ def test_six_axes_by_emitted_c_against_solve(tmp_path) -> None:
     equations = derive("manutec_r3")
     made = flexgen.generate(equations, tmp_path / "library", functions=["inverse_dynamics"])
     mover = JointMoves(equations, TimeLaw(1.0, 5), flexgen.load(made.directory).inverse_dynamics)
-    assert np.diff(mover.t) == pytest.approx(1e-3) and mover.t[-1] > 1.0  # until the deflections have decayed
+    # until the deflections have decayed
+    assert np.diff(mover.t) == pytest.approx(1e-3) and mover.t[-1] > 1.0
     assert difference(equations, mover, 2) < SAME
 
 
@@ -103,10 +115,15 @@ def test_figures_are_those_of_the_torques() -> None:
     moves, starts, ends = moves_of(ELBOW, 3)
     peaks, tau = mover.peaks(starts, ends), mover.torques(starts, ends)
     assert (peaks.torque_max == np.abs(tau).max(axis=1)).all()
-    assert peaks.torque_rms == pytest.approx(np.sqrt(trapezoid(tau**2, mover.t, axis=1) / mover.t[-1]), rel=1e-12)
-    one = flexgen.solve(equations, dataclasses.replace(moves[2], duration=0.5, smoothness=6), "closed-form").trajectory
+    assert peaks.torque_rms == pytest.approx(
+        np.sqrt(trapezoid(tau**2, mover.t, axis=1) / mover.t[-1]), rel=1e-12
+    )
+    one = flexgen.solve(
+        equations, dataclasses.replace(moves[2], duration=0.5, smoothness=6), "closed-form"
+    ).trajectory
     work = trapezoid(one["tau_m"] * one["v_m"], one.time, axis=0)
-    assert peaks.energy[2] == pytest.approx(work, rel=1e-4, abs=1e-3)  # solve samples this short move more finely
+    # solve samples this short move more finely
+    assert peaks.energy[2] == pytest.approx(work, rel=1e-4, abs=1e-3)
     assert peaks.speed_max[2] == pytest.approx(np.abs(one["v_m"]).max(axis=0), rel=1e-5)
     assert peaks.speed[2] == pytest.approx(np.abs(one["v_a"]).max(axis=0), rel=1e-5)
     assert peaks.acceleration[2] == pytest.approx(np.abs(one["a_a"]).max(axis=0), rel=1e-5)
@@ -119,7 +136,10 @@ def test_other_cases_of_the_batch_do_not_change_a_bit() -> None:
     assert (mover.torques(starts[7:8], ends[7:8])[0] == both[7]).all()
     assert (mover.torques(starts[::-1], ends[::-1])[::-1] == both).all()
     peaks, one = mover.peaks(starts, ends), mover.peaks(starts[-1:], ends[-1:])
-    assert all((getattr(one, f.name)[0] == getattr(peaks, f.name)[-1]).all() for f in dataclasses.fields(one))
+    assert all(
+        (getattr(one, f.name)[0] == getattr(peaks, f.name)[-1]).all()
+        for f in dataclasses.fields(one)
+    )
 
 
 def test_friction_and_its_derivatives_against_casadi() -> None:
@@ -180,27 +200,39 @@ def test_batched_and_single_cases_are_chosen_by_model_and_method() -> None:
     start, end = (0.1, 0.2), (0.4, -0.3)
     moves = (
         Move("plain", "joint", start, 1.0, 5, end=end),
-        Move("rough", "joint", start, 1.0, 2, end=end),  # the torque jumps at its ends: solve judges
+        # the torque jumps at its ends: solve judges
+        Move("rough", "joint", start, 1.0, 2, end=end),
         "line",
         Move("wrong", "joint", (0.1,), 1.0, 5, end=(0.2,)),
     )
-    table = sweep(Grid(["elbow", "planar5_mp"], moves, ["closed-form"], options=BATCH), workers=0).results
+    table = sweep(
+        Grid(["elbow", "planar5_mp"], moves, ["closed-form"], options=BATCH), workers=0
+    ).results
     assert list(table["verdict"] == "not verified") == [True] + 7 * [False]
-    assert list(table["status"][[0, 2]]) == ["solved", "solved"] and (table["status"][3:] == "failed").all()
+    assert (
+        list(table["status"][[0, 2]]) == ["solved", "solved"]
+        and (table["status"][3:] == "failed").all()
+    )
     assert table["status"][1] == "failed" or "makes the torque jump" in table["warnings"][1]
     assert list(table["move"][:3]) == ["plain", "rough", "line"]
     # both ways say the same of the same case
-    alone = sweep(Grid(["elbow"], moves[:1], ["closed-form"], options={"verify": False}), workers=0).results
+    alone = sweep(
+        Grid(["elbow"], moves[:1], ["closed-form"], options={"verify": False}), workers=0
+    ).results
     for name in ("torque_max", "torque_rms", "speed_max", "energy"):
         assert table[name][0] == pytest.approx(alone[name][0], rel=1e-9), name
     # a verification that is asked for is done
-    verified = sweep(Grid(["elbow"], moves[:1], ["closed-form"], options={"batch": True}), workers=0).results
+    verified = sweep(
+        Grid(["elbow"], moves[:1], ["closed-form"], options={"batch": True}), workers=0
+    ).results
     assert verified["tool_error_max"][0] < 1e-6
 
 
 def test_a_bad_move_has_no_neighbours() -> None:
     start, end = (0.1, 0.2), (0.4, -0.3)
-    moves = [Move(f"m{k}", "joint", start, 1.0, 5, end=(end[0] + 0.01 * k, end[1])) for k in range(7)]
+    moves = [
+        Move(f"m{k}", "joint", start, 1.0, 5, end=(end[0] + 0.01 * k, end[1])) for k in range(7)
+    ]
     for bad in (2, 6):
         moves[bad] = Move(f"m{bad}", "joint", start, 1.0, 5, end=(1e160, 0.0))
     grid = Grid(["elbow"], moves, ["closed-form"], options=BATCH)
@@ -245,7 +277,9 @@ STIFFNESS = 20.0
 def lag_error(t: np.ndarray, damping: float, w: float, start: float) -> float:
     """Largest one of the twist under the torque sin(w t), against the solution by hand; relative to 1/K."""
     tau = np.stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])[:, :, None]
-    found = gear_lag(t, np.array([STIFFNESS]), np.array([damping])).deflections(tau, np.array([start]))[:, 0]
+    found = gear_lag(t, np.array([STIFFNESS]), np.array([damping])).deflections(
+        tau, np.array([start])
+    )[:, 0]
     decay = STIFFNESS / damping
     steady = (decay * np.sin(w * t) - w * np.cos(w * t)) / (damping * (decay**2 + w**2))
     exact = steady + (start - steady[0]) * np.exp(-decay * t)
@@ -265,9 +299,9 @@ def test_the_lag_is_of_sixth_order_and_exact_at_rest() -> None:
     for damping in (1e-3, 1.0, 1e3):
         constant = np.zeros((3, 101, 1))
         constant[0] = 7.0
-        rest = gear_lag(np.linspace(0.0, 1.0, 101), np.array([STIFFNESS]), np.array([damping])).deflections(
-            constant, np.array([0.35])
-        )
+        rest = gear_lag(
+            np.linspace(0.0, 1.0, 101), np.array([STIFFNESS]), np.array([damping])
+        ).deflections(constant, np.array([0.35]))
         assert np.abs(rest - 0.35).max() < 1e-15
 
 
@@ -278,7 +312,9 @@ def test_a_sweep_of_a_model_with_hysteresis_is_that_of_solve() -> None:
     found = []
     for more in ({}, lossy):
         robot = read("elbow", overrides=more)
-        row = sweep(Grid([robot], ["joints"], ["closed-form"], options={"verify": False}), workers=0).results
+        row = sweep(
+            Grid([robot], ["joints"], ["closed-form"], options={"verify": False}), workers=0
+        ).results
         solved = flexgen.solve(robot, "joints", verify=False, progress=False)
         found.append(float(row["torque_max"][0]))
         assert found[-1] == pytest.approx(np.abs(solved.trajectory["tau_m"]).max(), rel=1e-6)

@@ -24,7 +24,10 @@ from flexgen.sweeps.worker import run_shard
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="no dask.distributed; run: make setup-test")
+@pytest.mark.skipif(
+    importlib.util.find_spec("distributed") is None,
+    reason="no dask.distributed; run: make setup-test",
+)
 def test_dask_gives_the_same_bits(tmp_path) -> None:
     import distributed
 
@@ -49,7 +52,10 @@ def test_threads_give_the_same_bits() -> None:
 
 def shards_of(count: int, size: int) -> list[Shard]:
     jobs = [Job(k, "", "m", "", None, "auto") for k in range(count)]
-    return [Shard(k, tuple(jobs[k * size : (k + 1) * size]), {}, {}, "") for k in range(-(-count // size))]
+    return [
+        Shard(k, tuple(jobs[k * size : (k + 1) * size]), {}, {}, "")
+        for k in range(-(-count // size))
+    ]
 
 
 def echo(shard: Shard) -> Rows:
@@ -67,7 +73,11 @@ def deadly(shard: Shard) -> Rows:
 def test_a_case_that_kills_its_process_becomes_a_row() -> None:
     rows = [row for _, done in in_pool(shards_of(3, 2), 2, deadly) for row in done.results]
     assert sorted(row["case"] for row in rows) == [0, 1, 2]
-    assert {row["case"]: "died" in row.get("error", "") for row in rows} == {0: False, 1: True, 2: False}
+    assert {row["case"]: "died" in row.get("error", "") for row in rows} == {
+        0: False,
+        1: True,
+        2: False,
+    }
 
 
 @pytest.mark.slow
@@ -142,7 +152,9 @@ def test_equations_are_built_by_one_thread_at_a_time() -> None:
     grid = batch_grid(2)
     shards = list(sweeps._shards(grid, [0, 1], 1, code_version()))
     found: list[Rows] = []
-    threads = [threading.Thread(target=lambda s=shard: found.append(run_shard(s))) for shard in shards]
+    threads = [
+        threading.Thread(target=lambda s=shard: found.append(run_shard(s))) for shard in shards
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:

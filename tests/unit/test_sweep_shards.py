@@ -52,7 +52,12 @@ def test_planted_bugs_change_the_bits(monkeypatch) -> None:
     def reversed_shards(*args):
         for shard in shards(*args):
             jobs = shard.jobs[::-1]
-            yield replace(shard, jobs=tuple(replace(b, number=a.number) for a, b in zip(shard.jobs, jobs, strict=True)))
+            yield replace(
+                shard,
+                jobs=tuple(
+                    replace(b, number=a.number) for a, b in zip(shard.jobs, jobs, strict=True)
+                ),
+            )
 
     with monkeypatch.context() as patch:
         patch.setattr(sweeps, "_shards", reversed_shards)
@@ -61,7 +66,9 @@ def test_planted_bugs_change_the_bits(monkeypatch) -> None:
     def careless(shard: Shard) -> Rows:
         rows = run_shard(shard)
         for row in rows.results:
-            row["torque_max"] = float(np.nextafter(row["torque_max"], 0.0 if len(shard.jobs) == 2 else 1e9))
+            row["torque_max"] = float(
+                np.nextafter(row["torque_max"], 0.0 if len(shard.jobs) == 2 else 1e9)
+            )
         return rows
 
     monkeypatch.setattr(sweeps, "run_shard", careless)
@@ -117,8 +124,14 @@ def test_damaged_shards_are_computed_again(tmp_path) -> None:
     ):
         shards[1].write_bytes(damage(whole[1]))
         lines: list[str] = []
-        assert sweep(grid, out, workers=0, resume=True, progress=lines.append).results.digest == right
-        assert "000001.json: damaged" in lines[0] and "4 of 6 cases are finished" in lines[1] and len(lines) == 3
+        assert (
+            sweep(grid, out, workers=0, resume=True, progress=lines.append).results.digest == right
+        )
+        assert (
+            "000001.json: damaged" in lines[0]
+            and "4 of 6 cases are finished" in lines[1]
+            and len(lines) == 3
+        )
     assert [len(file.read_bytes()) for file in shards[::2]] == [len(text) for text in whole[::2]]
 
 
@@ -159,7 +172,9 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(ArgumentError, match=rf"given '{file}', which cannot be written \(No space .* free space"):
+    with pytest.raises(
+        ArgumentError, match=rf"given '{file}', which cannot be written \(No space .* free space"
+    ):
         folders.write_text(file, "text")
     with pytest.raises(ArgumentError, match="which cannot be written"):
         sweep(batch_grid(2), tmp_path / "out", workers=0)
@@ -175,7 +190,9 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
         {"results": [{"case": 0, "samples": [1]}, {"case": 1}], "times": [{"case": 0}, {"case": 1}]},
     ],
 )  # fmt: skip
-def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(tmp_path, content) -> None:
+def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(
+    tmp_path, content
+) -> None:
     grid, out = batch_grid(4), tmp_path / "out"
     right = sweep(grid, out, workers=0, shard_size=2).results.digest
     file = out / "shards" / "000000.json"
@@ -186,7 +203,9 @@ def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(tmp_p
     file.write_text(f"{folders._sum(body)}\n{body}")
     told: list[str] = []
     again = sweep(grid, out, workers=0, resume=True, progress=told.append)
-    assert again.results.digest == right and any("damaged; it is computed again" in line for line in told)
+    assert again.results.digest == right and any(
+        "damaged; it is computed again" in line for line in told
+    )
 
 
 @pytest.mark.parametrize("size", ["1e999", "0", "-1", '"2"', "1" * 5000, "null"])
@@ -219,7 +238,11 @@ def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> Non
         (package / name).write_text("2", encoding="utf-8")
         found.append(code_version.__wrapped__())
     with monkeypatch.context() as patch:
-        patch.setattr(versions, "_find_version", lambda package: "0" if package == "scipy" else _find_version(package))
+        patch.setattr(
+            versions,
+            "_find_version",
+            lambda package: "0" if package == "scipy" else _find_version(package),
+        )
         found.append(code_version.__wrapped__())
 
     def unusable(**_: object) -> None:
@@ -230,7 +253,9 @@ def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> Non
         monkeypatch.setattr(versions, "find_compiler", finder)
         found.append(code_version.__wrapped__())
     monkeypatch.setattr(
-        versions, "find_compiler", lambda native=False, **_: replace(same, identity=f"this one, {native}")
+        versions,
+        "find_compiler",
+        lambda native=False, **_: replace(same, identity=f"this one, {native}"),
     )
     found += [code_version.__wrapped__(), code_version.__wrapped__(True)]
     assert len(set(found)) == len(found)
@@ -253,7 +278,9 @@ def test_a_worker_without_a_compiler_is_refused(monkeypatch) -> None:
 
 def test_native_libraries_bind_a_sweep_to_its_processor() -> None:
     assert wants_native({"options": {"native": True}})
-    assert not any(wants_native(options) for options in ({}, {"options": None}, {"options": {"native": False}}))
+    assert not any(
+        wants_native(options) for options in ({}, {"options": None}, {"options": {"native": False}})
+    )
 
 
 @pytest.mark.slow
@@ -263,7 +290,11 @@ def test_one_failing_case_stops_nothing(monkeypatch) -> None:
     lines: list[str] = []
     table = sweep(grid, workers=0, shard_size=4, progress=lines.append).results
     assert list(table["status"]) == ["solved"] + 5 * ["failed"]
-    assert all(table["error"][1:]) and "no such move" in table["error"][2] and "nowhere" in table["error"][4]
+    assert (
+        all(table["error"][1:])
+        and "no such move" in table["error"][2]
+        and "nowhere" in table["error"][4]
+    )
     assert "4 of 6 cases, 3 failed" in lines[0] and "6 of 6 cases, 5 failed" in lines[1]
 
     def broken(*args: object, **named: object) -> None:
@@ -272,7 +303,10 @@ def test_one_failing_case_stops_nothing(monkeypatch) -> None:
     import flexgen.sweeps.worker as work
 
     monkeypatch.setattr(work, "solve", broken)
-    assert sweep(Grid(["elbow"]), workers=0).results["error"][0] == "ZeroDivisionError: division by zero"
+    assert (
+        sweep(Grid(["elbow"]), workers=0).results["error"][0]
+        == "ZeroDivisionError: division by zero"
+    )
 
 
 def test_parameters_of_a_model_that_was_read_are_refused_in_the_row() -> None:

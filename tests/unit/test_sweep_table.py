@@ -17,13 +17,23 @@ from flexgen.sweeps.table import RESULTS, Column, Table, table_of
 
 ROWS = [
     {"case": 0, "status": "solved", "torque_max": 0.1, "iterations": 3},
-    {"case": 1, "status": "failed", "error": "ä" * 1000, "torque_max": None, "energy": -np.float64(np.nan)},
+    {
+        "case": 1,
+        "status": "failed",
+        "error": "ä" * 1000,
+        "torque_max": None,
+        "energy": -np.float64(np.nan),
+    },
 ]
 
 
 def test_tables_keep_every_bit(tmp_path) -> None:
     table = table_of(RESULTS, ROWS)
-    assert len(table) == 2 and table["iterations"].tolist() == [3, -1] and np.isnan(table["torque_max"][1])
+    assert (
+        len(table) == 2
+        and table["iterations"].tolist() == [3, -1]
+        and np.isnan(table["torque_max"][1])
+    )
     assert len(table["error"][1]) == 400
     assert table.digest == table_of(RESULTS, [ROWS[0], ROWS[1] | {"energy": np.nan}]).digest
     assert table_of(RESULTS, [{"error": "\udcff"}])["error"][0] == "\\udcff"
@@ -34,7 +44,10 @@ def test_tables_keep_every_bit(tmp_path) -> None:
     units = {column.name: column.unit for column in again.columns}
     assert units["torque_max"] == "N m" and units["energy"] == "J"
     assert table_of(RESULTS, ROWS[::-1]).digest != table.digest
-    assert table_of([Column("case", "int", "s", "")], ROWS).digest != table_of(RESULTS[:1], ROWS).digest
+    assert (
+        table_of([Column("case", "int", "s", "")], ROWS).digest
+        != table_of(RESULTS[:1], ROWS).digest
+    )
     with pytest.raises(ArgumentError, match=r"ends in \.npz"):
         table.save(tmp_path / "a.csv")
     with pytest.raises(ArgumentError, match="does not exist"):
@@ -65,7 +78,8 @@ def test_a_damaged_table_is_an_error_that_names_the_file(tmp_path, damage) -> No
     path = tmp_path / "a.npz"
     np.savez(path, columns=np.array(json.dumps(head)), **arrays)
     with pytest.raises(
-        ArgumentError, match=rf"{path}: given a file that is not a table of flexgen \(.*\), expected a table"
+        ArgumentError,
+        match=rf"{path}: given a file that is not a table of flexgen \(.*\), expected a table",
     ):
         Table.load(path)
 
@@ -82,7 +96,9 @@ def test_each_changed_byte_of_a_table_is_read_or_refused(tmp_path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None, reason="no pyarrow; run: make setup-test")
+@pytest.mark.skipif(
+    importlib.util.find_spec("pyarrow") is None, reason="no pyarrow; run: make setup-test"
+)
 def test_parquet_has_types_and_units(tmp_path) -> None:
     from pyarrow import parquet
 
@@ -90,7 +106,10 @@ def test_parquet_has_types_and_units(tmp_path) -> None:
     found = parquet.read_table(table.save(tmp_path / "a.parquet"))
     assert found.column_names == [column.name for column in RESULTS]
     assert found.schema.field("torque_max").metadata[b"unit"] == b"N m"
-    assert str(found.schema.field("case").type) == "int64" and found["status"].to_pylist() == ["solved", "failed"]
+    assert str(found.schema.field("case").type) == "int64" and found["status"].to_pylist() == [
+        "solved",
+        "failed",
+    ]
 
 
 def test_parquet_without_pyarrow_is_an_error_that_names_it(tmp_path, monkeypatch) -> None:
@@ -115,19 +134,35 @@ def test_the_command_line(tmp_path) -> None:
         "[options]\nverify = false\nbatch = true\n",
         encoding="utf-8",
     )
-    found = run(arguments(str(file), "--out", str(out), "--workers", "0", "--shard-size", "2"), lambda line: None)
+    found = run(
+        arguments(str(file), "--out", str(out), "--workers", "0", "--shard-size", "2"),
+        lambda line: None,
+    )
     data, text, warnings, details = found.data, found.text, found.warnings, found.details
-    assert (data["cases"], data["failed"], found.problem) == (6, 3, "") and len(details.splitlines()) == 3
+    assert (data["cases"], data["failed"], found.problem) == (6, 3, "") and len(
+        details.splitlines()
+    ) == 3
     (failure,) = data["failures"]
-    assert len(failure["cases"]) == 3 and len(warnings) == 1 and warnings[0].startswith("3 cases failed (3, 4, 5)")
+    assert (
+        len(failure["cases"]) == 3
+        and len(warnings) == 1
+        and warnings[0].startswith("3 cases failed (3, 4, 5)")
+    )
     assert json.dumps(data) and [group["cases"] for group in data["groups"]] == [3, 3]
-    assert "6 cases, 3 failed" in text and "closed-form" in text and f"wrote {out / 'results.npz'}" in text
+    assert (
+        "6 cases, 3 failed" in text
+        and "closed-form" in text
+        and f"wrote {out / 'results.npz'}" in text
+    )
     assert data["digest"] == Table.load(out / "results.npz").digest
-    again = run(arguments(str(file), "--out", str(out), "--workers", "0", "--resume"), lambda line: None)
+    again = run(
+        arguments(str(file), "--out", str(out), "--workers", "0", "--resume"), lambda line: None
+    )
     assert again.data["digest"] == data["digest"]
     file.write_text('models = ["nowhere"]\n', encoding="utf-8")
     assert (
-        run(arguments(str(file), "--out", str(tmp_path / "bad"), "--workers", "0"), print).problem == "all cases failed"
+        run(arguments(str(file), "--out", str(tmp_path / "bad"), "--workers", "0"), print).problem
+        == "all cases failed"
     )
     for wrong in (("--workers", "-1"), ("--workers", "two"), ("--shard-size", "0")):
         with pytest.raises(UsageError):

@@ -54,9 +54,15 @@ def test_names_in_fmi():
     ("options", "message"),
     [
         ({"target": "sparc"}, "target: given 'sparc', expected .*x86_64-windows"),
-        ({"target": "x86_64-linux", "native": True}, "native: given with target 'x86_64-linux', expected it for this"),
+        (
+            {"target": "x86_64-linux", "native": True},
+            "native: given with target 'x86_64-linux', expected it for this",
+        ),
         ({"target": "x86_64-linux", "openmp": True}, "openmp: given with target 'x86_64-linux'"),
-        ({"target": "aarch64-macos", "isa": "x86-64-v3"}, "isa: given 'x86-64-v3' with target 'aarch64-macos'"),
+        (
+            {"target": "aarch64-macos", "isa": "x86-64-v3"},
+            "isa: given 'x86-64-v3' with target 'aarch64-macos'",
+        ),
     ],
 )
 def test_what_a_target_excludes(options, message, tmp_path):
@@ -71,15 +77,24 @@ def test_a_target_without_the_package(monkeypatch, tmp_path, capsys):
     sentence = "target: given 'x86_64-windows', for which the package ziglang compiles, and it is not installed"
     with pytest.raises(flexgen.BuildError, match=sentence):
         flexgen.generate("elbow", tmp_path / "elbow", target="x86_64-windows")
-    assert main(["export", "fmu", "elbow", "--platforms", "win64", "--out", str(tmp_path / "a.fmu")]) != 0
+    assert (
+        main(["export", "fmu", "elbow", "--platforms", "win64", "--out", str(tmp_path / "a.fmu")])
+        != 0
+    )
     assert sentence in " ".join(capsys.readouterr().err.split()) and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"platforms": "win32"}, "platforms: given 'win32', expected all or one or more of linux64, .*win64"),
-        ({"platforms": ["win64", "sun"], "version": "3.0"}, "given 'sun', expected all or .*x86_64-windows"),
+        (
+            {"platforms": "win32"},
+            "platforms: given 'win32', expected all or one or more of linux64, .*win64",
+        ),
+        (
+            {"platforms": ["win64", "sun"], "version": "3.0"},
+            "given 'sun', expected all or .*x86_64-windows",
+        ),
         ({"platforms": []}, r"platforms: given \[\], expected all"),
         ({"platforms": "all", "binary": False}, "platforms: given for an FMU without binary"),
     ],
@@ -92,8 +107,12 @@ def test_wrong_platforms_of_an_fmu(options, message, tmp_path):
 
 def test_files_of_windows_are_known_in_a_directory(tmp_path):
     (tmp_path / "libelbow-0123456789abcdef.dll").write_bytes(b"x")
-    assert is_unchanged(tmp_path, {"libelbow-0123456789abcdef.dll": hashlib.sha256(b"x").hexdigest()})
-    assert not is_unchanged(tmp_path, {"libelbow-0123456789abcdef.exe": hashlib.sha256(b"x").hexdigest()})
+    assert is_unchanged(
+        tmp_path, {"libelbow-0123456789abcdef.dll": hashlib.sha256(b"x").hexdigest()}
+    )
+    assert not is_unchanged(
+        tmp_path, {"libelbow-0123456789abcdef.exe": hashlib.sha256(b"x").hexdigest()}
+    )
 
 
 # --- Windows as a host, faked ----------------------------------------------------------------------------------------

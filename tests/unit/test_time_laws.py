@@ -41,7 +41,10 @@ def test_the_shortest_polynomial_is_the_incomplete_beta_function(smoothness: int
 
 @pytest.mark.parametrize("smoothness", [-1, 10])
 def test_smoother_or_rougher_polynomials_are_refused(smoothness: int) -> None:
-    with pytest.raises(ArgumentError, match=f"smoothness: given {smoothness}, expected 0 to 9 continuous derivatives"):
+    with pytest.raises(
+        ArgumentError,
+        match=f"smoothness: given {smoothness}, expected 0 to 9 continuous derivatives",
+    ):
         TimeLaw(0.8, smoothness)
 
 

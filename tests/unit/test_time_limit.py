@@ -57,7 +57,10 @@ def model_of(method: str) -> str:
 @pytest.mark.parametrize(
     "method",
     [
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ("lq", "bvp", "collocation", "bdf", "kunkel-mehrmann")),
+        *(
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("lq", "bvp", "collocation", "bdf", "kunkel-mehrmann")
+        ),
         "closed-form",
         "reduced",
     ],
@@ -69,9 +72,13 @@ def test_a_solve_ends_at_its_time_limit_whenever_that_is(method: str, clock: Clo
     found = 0
     for limit in np.unique(np.linspace(1, count - 3, 20).astype(int)):
         try:
-            solution = flexgen.solve(model_of(method), method=method, time_limit=float(limit), progress=False)
+            solution = flexgen.solve(
+                model_of(method), method=method, time_limit=float(limit), progress=False
+            )
         except SolverError as error:
-            assert f"the time limit of {limit:g} s ended in: " in str(error) and "--time-limit" in str(error)
+            assert f"the time limit of {limit:g} s ended in: " in str(
+                error
+            ) and "--time-limit" in str(error)
             continue
         found += 1
         assert solution.status is flexgen.Status.TOLERANCE_NOT_MET and not solution.interrupted
@@ -84,7 +91,10 @@ def test_a_solve_ends_at_its_time_limit_whenever_that_is(method: str, clock: Clo
 def test_without_a_time_limit_a_solve_is_not_ended(clock: Clock) -> None:
     clock.step = 1e6
     for unlimited in (None, 0):
-        assert flexgen.solve("planar5_nmp", time_limit=unlimited, progress=False).status is flexgen.Status.SOLVED
+        assert (
+            flexgen.solve("planar5_nmp", time_limit=unlimited, progress=False).status
+            is flexgen.Status.SOLVED
+        )
 
 
 @pytest.mark.parametrize("given", [-1.0, float("nan"), float("inf"), "60", True])
@@ -124,7 +134,10 @@ def test_ctrl_c_keeps_the_best_solution(monkeypatch: pytest.MonkeyPatch) -> None
         patched.setattr(solving, "verify_by_simulation", interrupt)
         solution = flexgen.solve("planar5_nmp", progress=False)
     assert solution.interrupted and solution.stopped == INTERRUPTED
-    assert solution.status is flexgen.Status.TOLERANCE_NOT_MET and "not verified" in solution.warnings[-1]
+    assert (
+        solution.status is flexgen.Status.TOLERANCE_NOT_MET
+        and "not verified" in solution.warnings[-1]
+    )
     exact = flexgen.solve("planar5_nmp", verify=False, progress=False)
     assert np.array_equal(solution.trajectory["tau_m"], exact.trajectory["tau_m"])
     assert signal.getsignal(signal.SIGINT) is handler
@@ -139,7 +152,10 @@ def test_the_command_line_writes_what_was_reached(tmp_path, capfd, monkeypatch) 
     monkeypatch.setattr(solving, "verify_by_simulation", interrupt)
     assert main(["solve", "planar5_nmp", "--out", str(out), "--json"]) == 130
     data = json.loads(capfd.readouterr().out)
-    assert data["error"] == "interrupted; the result is the best so far" and data["stopped"] == INTERRUPTED
+    assert (
+        data["error"] == "interrupted; the result is the best so far"
+        and data["stopped"] == INTERRUPTED
+    )
     assert flexgen.Trajectory.load(out)["tau_m"].shape[1] == 2
     out.unlink()
     monkeypatch.setattr(solving, "run_method", interrupt)
@@ -162,7 +178,14 @@ def test_a_solution_beyond_the_limits_of_the_model_is_not_solved() -> None:
 
 
 def test_exit_status_of_exceeded_limits(tmp_path, capfd) -> None:
-    words = ["solve", "planar5_nmp", "--set", "motor.m1.torque_max=5", "--out", str(tmp_path / "line.npz")]
+    words = [
+        "solve",
+        "planar5_nmp",
+        "--set",
+        "motor.m1.torque_max=5",
+        "--out",
+        str(tmp_path / "line.npz"),
+    ]
     assert main(words) == 3
     captured = capfd.readouterr()
     assert "limits exceeded: motor m1: torque 24.48 N m exceeds its limit 5 N m" in captured.err

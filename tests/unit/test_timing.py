@@ -52,13 +52,17 @@ def test_trapezoid_steps_are_exact(times: tuple[float, ...]) -> None:
 
 def test_a_wrong_taylor_coefficient_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     right = velocity_profiles._taylor
-    monkeypatch.setattr(velocity_profiles, "_taylor", lambda values, dt, size: right(values, dt * (1 + 1e-9), size))
+    monkeypatch.setattr(
+        velocity_profiles, "_taylor", lambda values, dt, size: right(values, dt * (1 + 1e-9), size)
+    )
     assert worst_step(TrapezoidStep((0.5, 0.2, 0.1))) > 10 * ROUNDING
 
 
 @pytest.mark.parametrize("bounds", BOUNDS[1:])
 @pytest.mark.parametrize("size", [1e-5, 0.02, 0.5, 3.0, 50.0])
-def test_steps_keep_all_bounds_and_reach_the_highest(bounds: tuple[float, ...], size: float) -> None:
+def test_steps_keep_all_bounds_and_reach_the_highest(
+    bounds: tuple[float, ...], size: float
+) -> None:
     step = TrapezoidStep(box_times(size, bounds))
     t = np.sort(np.concatenate([np.linspace(0, step.duration, 4001), step.breaks * (1 - OFFSET)]))
     values = size * step.with_integral(t, len(bounds) + 1)
@@ -74,7 +78,10 @@ def test_seven_and_fifteen_segments_last_as_the_textbooks_say() -> None:
     seven = speed_law([Stretch(d, v)], (v, a, j))
     assert len(seven.breaks) == 8 and abs(seven.duration - (d / v + v / a + a / j)) < ROUNDING
     fifteen = speed_law([Stretch(d, v)], (v, a, j, s))
-    assert len(fifteen.breaks) == 16 and abs(fifteen.duration - (d / v + v / a + a / j + j / s)) < ROUNDING
+    assert (
+        len(fifteen.breaks) == 16
+        and abs(fifteen.duration - (d / v + v / a + a / j + j / s)) < ROUNDING
+    )
     # too short to reach any bound but the jerk's: four pieces of equal length
     short = speed_law([Stretch(1e-4, v)], (v, a, j))
     assert abs(short.duration - 4 * (1e-4 / (2 * j)) ** (1 / 3)) < 1e-9 * short.duration
@@ -145,7 +152,9 @@ def test_wrong_laws_would_be_seen() -> None:
 
 def test_more_time_is_never_taken_for_looser_bounds() -> None:
     for way in WAYS.values():
-        times = [speed_law(way, (0.5, 4.0, 60.0 * f, 2000.0 * f)).duration for f in (1.0, 2.0, 5.0, 50.0)]
+        times = [
+            speed_law(way, (0.5, 4.0, 60.0 * f, 2000.0 * f)).duration for f in (1.0, 2.0, 5.0, 50.0)
+        ]
         assert all(b <= a * (1 + 1e-9) for a, b in pairwise(times))
 
 

@@ -49,7 +49,9 @@ def test_a_wrong_name_is_found_with_its_file_and_line(tmp_path):
     lines = [*text.splitlines(), "[uncertainty]", "sd = [0.1]", 'parameters = ["q9.stiffness"]', ""]
     file = tmp_path / "elbow.toml"
     file.write_text("\n".join(lines))
-    with pytest.raises(flexgen.ModelError, match=r"uncertainty\.parameters.*q9\.stiffness.*such as q") as caught:
+    with pytest.raises(
+        flexgen.ModelError, match=r"uncertainty\.parameters.*q9\.stiffness.*such as q"
+    ) as caught:
         flexgen.read(file)
     assert f"elbow.toml:{len(lines) - 1}:" in str(caught.value)
 
@@ -80,7 +82,12 @@ def test_the_table_changes_nothing_else():
 
 def test_draws_have_the_moments_of_the_table():
     model = elbow(
-        **PAIR, correlation=[1.0, -0.6, -0.6, 1.0], masses=0.03, common=["masses"], motor_inertia=0.5, payload=2.0
+        **PAIR,
+        correlation=[1.0, -0.6, -0.6, 1.0],
+        masses=0.03,
+        common=["masses"],
+        motor_inertia=0.5,
+        payload=2.0,
     )
     sources = sources_of(model, model.uncertainty)
     x = sources.errors(np.random.default_rng(1).standard_normal((20000, sources.root.shape[1])))
@@ -120,13 +127,21 @@ def test_an_identification_writes_deviations_relative_to_the_values():
     values = dict(zip(vector.names, range(3), strict=True))
     x = vector.start
     root = np.array([[0.02, 0.0, 0.0], [0.01, 0.6, 0.0], [0.001, 0.0, 0.004]])
-    names, covariance = Estimated(vector, x, root @ root.T, FitStatus.FITTED)._relative_covariance(root @ root.T)
+    names, covariance = Estimated(vector, x, root @ root.T, FitStatus.FITTED)._relative_covariance(
+        root @ root.T
+    )
     old = 'name = "x"\n\n[uncertainty]\nmasses = 0.03\nsd = [1.0]\nparameters = ["a"]\n\n[tool]\n'
-    text = with_uncertainty(with_uncertainty(old, names, covariance), names, covariance)  # again: one table
+    # again: one table
+    text = with_uncertainty(with_uncertainty(old, names, covariance), names, covariance)
     parsed = tomllib.loads(text)
     found = parsed["uncertainty"]
     names = found["parameters"]
-    assert parsed["tool"] == {} and found["masses"] == 0.03 and set(values) < set(names) and "q2.damping" in names
+    assert (
+        parsed["tool"] == {}
+        and found["masses"] == 0.03
+        and set(values) < set(names)
+        and "q2.damping" in names
+    )
     sd, n = dict(zip(names, found["sd"], strict=True)), len(names)
     correlation = np.array(found["correlation"]).reshape(n, n)
     assert sd["q1.stiffness"] == pytest.approx(0.02) and sd["q2.damping"] == pytest.approx(
@@ -136,7 +151,9 @@ def test_an_identification_writes_deviations_relative_to_the_values():
     at = names.index
     assert correlation[at("q2.stiffness"), at("q2.damping")] == pytest.approx(1.0)
     # a center of mass that is negative: a larger number is a smaller relative error
-    assert correlation[at("q1.stiffness"), at("fore.com_x")] == pytest.approx(-0.001 / np.hypot(0.001, 0.004), rel=1e-6)
+    assert correlation[at("q1.stiffness"), at("fore.com_x")] == pytest.approx(
+        -0.001 / np.hypot(0.001, 0.004), rel=1e-6
+    )
     assert {p.name for p in select(model, names)} == set(names)
 
 

@@ -19,7 +19,13 @@ from public_entrances import entrances
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.type_checks import checked_class, checked_methods, checked_result, checked_types, checks_of
+from flexgen.type_checks import (
+    checked_class,
+    checked_methods,
+    checked_result,
+    checked_types,
+    checks_of,
+)
 from flexgen.types_of_values import LateClass, Names, check_of
 
 PASSES = {
@@ -31,7 +37,16 @@ PASSES = {
     "folder": (str | os.PathLike[str] | None, ["x", Path("x"), None]),
     "bounds": (
         Sequence[float],
-        [(), [1, np.inf], (1.0,), np.ones(2), range(3), deque([1.0]), {"a": 1.0}.values(), np.array([1, 2])],
+        [
+            (),
+            [1, np.inf],
+            (1.0,),
+            np.ones(2),
+            range(3),
+            deque([1.0]),
+            {"a": 1.0}.values(),
+            np.array([1, 2]),
+        ],
     ),
     "names": (Sequence[str], [["a"], ("a", "b"), {"a": 1}.keys(), np.array(["a"])]),
     "array": (np.ndarray, [1.0, [1, 2], np.eye(2), ((1.0,), (2.0,)), np.array([True])]),
@@ -48,12 +63,21 @@ REFUSED = {
     "bool": (bool, [0, 1, "yes", None, np.int64(1), 1.0]),
     "text": (str, [b"x", None, 1, "a\0b", "\ud800", Path("x")]),
     "path": (str | Path, [None, b"x", 1, Path("a\0")]),
-    "bounds": (Sequence[float], ["12", b"12", 1.0, None, [np.nan], [None], {1.0}, {1.0: 2}, np.eye(2), [True]]),
+    "bounds": (
+        Sequence[float],
+        ["12", b"12", 1.0, None, [np.nan], [None], {1.0}, {1.0: 2}, np.eye(2), [True]],
+    ),
     "names": (Sequence[str], ["ab", [1], [b"a"]]),
-    "array": (np.ndarray, ["x", None, [np.nan], [[1], [1, 2]], {"a": 1}, np.array([None]), np.ones(1) * 1j, b"x"]),
+    "array": (
+        np.ndarray,
+        ["x", None, [np.nan], [[1], [1, 2]], {"a": 1}, np.array([None]), np.ones(1) * 1j, b"x"],
+    ),
     "vector": (tuple[float, float], [(1,), (1, 2, 3), "ab", None]),
     "iterable": (Iterable[float], ["ab", 1.0, ["a"], {}]),
-    "mapping": (Mapping[str, float], [None, [("a", 1)], {1: 1}, {"a": "b"}, {"a": np.nan, "b": "x"}]),
+    "mapping": (
+        Mapping[str, float],
+        [None, [("a", 1)], {1: 1}, {"a": "b"}, {"a": np.nan, "b": "x"}],
+    ),
     "function": (Callable[[str], None], [None, "print"]),
     "choice": (Literal["a", 2], ["b", 3, True, None, ["a"], np.array(["a"])]),
     "choice_or_off": (Literal["a", False], ["b", 0, np.int64(0), 1, True, None, ["a"]]),
@@ -80,7 +104,11 @@ def test_a_decorated_function_keeps_name_signature_documentation_and_pickles() -
         return f"{x} {rest} {flag}"
 
     call = checked_types(verb)
-    assert inspect.signature(call) == inspect.signature(verb) and call.__doc__ == "Text." and call.__name__ == "verb"
+    assert (
+        inspect.signature(call) == inspect.signature(verb)
+        and call.__doc__ == "Text."
+        and call.__name__ == "verb"
+    )
     assert call(1, 2, 3, flag=np.True_) == "1 (2, 3) True"
     for wrong in (lambda: call("1"), lambda: call(1.0, 2.5), lambda: call(1.0, flag=1)):  # type: ignore[arg-type]
         with pytest.raises(ArgumentError):
@@ -88,7 +116,11 @@ def test_a_decorated_function_keeps_name_signature_documentation_and_pickles() -
     with pytest.raises(TypeError):
         call()  # type: ignore[call-arg]
     assert pickle.loads(pickle.dumps(flexgen.plan)) is flexgen.plan
-    assert list(inspect.signature(flexgen.Notch).parameters) == ["frequency_hz", "zero_damping", "pole_damping"]
+    assert list(inspect.signature(flexgen.Notch).parameters) == [
+        "frequency_hz",
+        "zero_damping",
+        "pole_damping",
+    ]
     assert list(inspect.signature(flexgen.Path.sample).parameters) == ["self", "t"]
 
 
@@ -191,7 +223,10 @@ def test_names_of_own_checks_are_parameters_and_late_names_are_classes(monkeypat
     [
         (Sequence[str], "a sequence with a text in each place"),
         (Sequence[Sequence[float]], "a sequence of sequences with a number in each place"),
-        (Sequence[Sequence[Sequence[str]]], "a sequence of sequences of sequences with a text in each place"),
+        (
+            Sequence[Sequence[Sequence[str]]],
+            "a sequence of sequences of sequences with a text in each place",
+        ),
         (np.ndarray, "an array of numbers without nan"),
     ],
 )

@@ -75,7 +75,9 @@ def test_the_growth_is_the_simulated_one(upright: tuple[Equations, flexgen.Solut
         trajectory.meta,
     )
     names = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
-    estimated = growth_along(linearize_along(equations, Motion(short.time, *(short[name] for name in names)))).movement
+    estimated = growth_along(
+        linearize_along(equations, Motion(short.time, *(short[name] for name in names)))
+    ).movement
     rng, grown = np.random.default_rng(1), 0.0
     still = simulate(equations, short, feedback="none").trajectory
     for _ in range(4):
@@ -92,7 +94,9 @@ def test_the_growth_is_the_simulated_one(upright: tuple[Equations, flexgen.Solut
 
 
 @pytest.mark.slow
-def test_an_upright_arm_is_verified_with_motor_feedback(upright: tuple[Equations, flexgen.Solution]) -> None:
+def test_an_upright_arm_is_verified_with_motor_feedback(
+    upright: tuple[Equations, flexgen.Solution],
+) -> None:
     _, solution = upright
     simulation = solution.simulation
     assert simulation is not None and simulation.growth is not None
@@ -105,8 +109,14 @@ def test_an_upright_arm_is_verified_with_motor_feedback(upright: tuple[Equations
     for text in (str(solution), " ".join(solution.warnings), solution._repr_html_()):
         assert simulation.feedback.title in text
     shown = solution.to_dict()
-    assert shown["motor_feedback"] == simulation.feedback.title and shown["growth"] == simulation.growth
-    assert shown["open_loop_error_max_rad"] is None and shown["defect_max_rad"] == simulation.defect_max_rad < ACCURATE
+    assert (
+        shown["motor_feedback"] == simulation.feedback.title
+        and shown["growth"] == simulation.growth
+    )
+    assert (
+        shown["open_loop_error_max_rad"] is None
+        and shown["defect_max_rad"] == simulation.defect_max_rad < ACCURATE
+    )
     assert solution.trajectory.meta["errors"] == error_text(simulation, "output")
 
 
@@ -149,9 +159,13 @@ def test_the_implicit_method_sees_a_wrong_torque() -> None:
     assert wrong.tool_error_max_rad is not None and wrong.tool_error_max_rad > 1e-4
 
 
-def test_a_system_that_stays_stiff_is_an_error_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_that_stays_stiff_is_an_error_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(integrators, "EVALUATIONS_STIFF", 1_000)
     equations = derive(ROBOTS / "light_rotor.toml")
     trajectory = flexgen.solve(equations, verify=False).trajectory
-    with pytest.raises(SolverError, match="the equations of motion are stiff and their solution has steep layers"):
+    with pytest.raises(
+        SolverError, match="the equations of motion are stiff and their solution has steep layers"
+    ):
         simulate(equations, trajectory)

@@ -26,7 +26,9 @@ from flexgen.model.urdf import Urdf
 
 HERE = Path(__file__).parents[1] / "support"
 TWO_LINK = HERE / "urdf" / "two_link.urdf"
-ROBOTS = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots")
+ROBOTS = Path(
+    sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots"
+)
 
 EXACT = 1e-13  # sums of some ten products
 POSE = 1e-12  # of a pose of size one, along chains of some ten frames
@@ -75,26 +77,53 @@ def test_two_links_by_hand():
         assert np.abs(answers.mass_matrix(q) - expected).max() < EXACT
         both = q1 + q2 + math.pi / 2
         position, rotation = answers.forward_kinematics(q)
-        place = [l1 * math.cos(q1) + l2 * math.cos(both), l1 * math.sin(q1) + l2 * math.sin(both), 0.0]
+        place = [
+            l1 * math.cos(q1) + l2 * math.cos(both),
+            l1 * math.sin(q1) + l2 * math.sin(both),
+            0.0,
+        ]
         assert np.abs(position - place).max() < EXACT
         assert np.abs(rotation[:, 0] - [math.cos(both), math.sin(both), 0.0]).max() < EXACT
 
 
 def test_what_a_plain_file_gives():
     model = read(TWO_LINK, base="ground", tip="tip")
-    assert (model.name, model.gravity, model.home, model.moves) == ("two_link", (0.0, 0.0, -9.81), (0.0, 0.0), ())
-    assert [e.name for e in model.elements] == ["upper", "fore", "tip"] and model.tool == nouns.Placement()
+    assert (model.name, model.gravity, model.home, model.moves) == (
+        "two_link",
+        (0.0, 0.0, -9.81),
+        (0.0, 0.0),
+        (),
+    )
+    assert [e.name for e in model.elements] == [
+        "upper",
+        "fore",
+        "tip",
+    ] and model.tool == nouns.Placement()
     first, second = (e.dofs[0] for e in model.elements[:2])
     assert (first.name, first.type, first.axis) == ("shoulder", "rotation", (0.0, 0.0, 1.0))
-    assert (first.lower, first.upper, first.speed_max, first.friction) == (None, None, None, nouns.NO_FRICTION)
-    assert (second.lower, second.upper, second.speed_max, second.friction.viscous) == (-2.0, 1.5, 4.0, 0.7)
+    assert (first.lower, first.upper, first.speed_max, first.friction) == (
+        None,
+        None,
+        None,
+        nouns.NO_FRICTION,
+    )
+    assert (second.lower, second.upper, second.speed_max, second.friction.viscous) == (
+        -2.0,
+        1.5,
+        4.0,
+        0.7,
+    )
     assert second.gear == nouns.Gear(rigid=True)
     assert model.motors[0] == nouns.Motor("m1", 0.0, ("shoulder",), (1.0,))
     assert model.motors[1] == nouns.Motor("m2", 0.0, ("elbow",), (1.0,), torque_max=60.0)
     assert model.output == nouns.Output("combination", "", ((1.0, 0.0), (0.0, 1.0)), "rad")
     assert model.elements[1].body.mass == 3.5 and model.elements[0].body.inertia[1][1] == 0.2
     assert read(f"{TWO_LINK}#ground:tip") == model and read(model.file) == model
-    assert [e.name for e in read(f"{TWO_LINK}#ground:camera").elements] == ["upper", "fore", "camera"]
+    assert [e.name for e in read(f"{TWO_LINK}#ground:camera").elements] == [
+        "upper",
+        "fore",
+        "camera",
+    ]
     assert [e.name for e in read(f"{TWO_LINK}#ground:fore").elements] == ["upper", "fore"]
     assert read(f"{TWO_LINK}#upper:tip").n_a == 1  # the base is the ground
 
@@ -109,7 +138,11 @@ def test_the_file_is_read_to_the_last_digit(arm):
 
 
 def test_tiny_numbers_of_converters_are_zero(arm):
-    edit(arm.with_name("arm.urdf"), ('xyz="0.1 0 0.6"', 'xyz="1e-33 -2e-20 0"'), ('ixz="0.01"', 'ixz="1e-21"'))
+    edit(
+        arm.with_name("arm.urdf"),
+        ('xyz="0.1 0 0.6"', 'xyz="1e-33 -2e-20 0"'),
+        ('ixz="0.01"', 'ixz="1e-21"'),
+    )
     model = read(arm)
     assert model.elements[1].origin.position == (0.0, 0.0, 0.0)
 
@@ -127,8 +160,14 @@ class Peer:
         position = np.zeros(whole.nv)
         for name, value in locked.items():
             position[whole.idx_vs[whole.getJointId(name)]] = value
-        rest = [whole.getJointId(name) for name in whole.names if name not in names and name != "universe"]
-        self.model = pin.buildReducedModel(whole, rest, pin.integrate(whole, pin.neutral(whole), position))
+        rest = [
+            whole.getJointId(name)
+            for name in whole.names
+            if name not in names and name != "universe"
+        ]
+        self.model = pin.buildReducedModel(
+            whole, rest, pin.integrate(whole, pin.neutral(whole), position)
+        )
         self.data = self.model.createData()
         self.ours = [k for k, c in enumerate(model.coordinates) if c.name in names]
         self.at = [self.model.idx_vs[self.model.getJointId(name)] for name in names]
@@ -152,7 +191,9 @@ class Peer:
         return (M + np.triu(M, 1).T)[np.ix_(self.at, self.at)]
 
     def inverse_dynamics(self, q, v, a):
-        return self.pin.rnea(self.model, self.data, self.place(q), self._put(v), self._put(a))[self.at]
+        return self.pin.rnea(self.model, self.data, self.place(q), self._put(v), self._put(a))[
+            self.at
+        ]
 
 
 def close(found, expected, tolerance, size=None):
@@ -162,7 +203,11 @@ def close(found, expected, tolerance, size=None):
 
 def compare(model, urdf: Path, tip: str, locked) -> None:
     """Tool, inertia matrix and inverse dynamics of the arm at random states."""
-    peer, answers, rng = Peer(model, urdf, tip, locked), Answers(derive(model)), np.random.default_rng(3)
+    peer, answers, rng = (
+        Peer(model, urdf, tip, locked),
+        Answers(derive(model)),
+        np.random.default_rng(3),
+    )
     block = np.ix_(peer.ours, peer.ours)
     for _ in range(10):
         q, v, a = np.zeros((3, model.n_a))
@@ -172,7 +217,9 @@ def compare(model, urdf: Path, tip: str, locked) -> None:
         rotors = [0.0] * model.n_a
         for j, motor in enumerate(model.motors):
             if j not in model.i_m:
-                rotors[[c.name for c in model.coordinates].index(motor.drives[0])] = motor.inertia * motor.ratio[0] ** 2
+                rotors[[c.name for c in model.coordinates].index(motor.drives[0])] = (
+                    motor.inertia * motor.ratio[0] ** 2
+                )
         expected = peer.mass_matrix(q)
         close((mass_matrix(model, q) - np.diag(rotors))[block], expected, MASS)
         close(answers.mass_matrix(q)[block], expected, MASS)
@@ -234,9 +281,14 @@ def test_what_the_overlay_says(arm):
     assert [c.name for c in model.coordinates] == ["turn", "q2", "bend", "slide"]
     assert [e.name for e in model.elements] == ["column", "arm2", "ram", "tip"]
     assert (model.n_m, model.n_g, model.n_e, model.dof) == (3, 3, 1, 5)
-    assert model.coordinates[2].element == "arm2" and model.coordinates[2].dof.axis == (0.0, 0.0, 1.0)
+    assert model.coordinates[2].element == "arm2" and model.coordinates[2].dof.axis == (
+        0.0,
+        0.0,
+        1.0,
+    )
     assert [m.name for m in model.motors] == ["m1", "m2", "m3"]
-    assert [m.torque_max for m in model.motors] == [100 / 50, 200 / 80, 300]  # of the limits, behind the gears
+    # of the limits, behind the gears
+    assert [m.torque_max for m in model.motors] == [100 / 50, 200 / 80, 300]
     assert [m.inertia for m in model.motors] == [1e-3, 1e-3, 0.0]
     assert model.elements[1].dofs[0].gear.spring == nouns.LinearSpring(1e4)
     assert model.elements[1].dofs[0].friction.viscous == 0.5
@@ -263,12 +315,21 @@ def test_springs_bodies_limits_and_further_keys(arm):
         'spring = { type = "linear", stiffness = 5.0 } }]\n'
         "[link.ram]\nbody = { mass = 1.0, com = [0.1, 0, 0], inertia = [1, 1, 1] }\n"
     )
-    edit(arm, ("home_rad = [0.1, 0.2, 0.3]", "home_rad = [0.1, 0.2]"), (FINGER, 'drop = ["finger"]\n'))
+    edit(
+        arm,
+        ("home_rad = [0.1, 0.2, 0.3]", "home_rad = [0.1, 0.2]"),
+        (FINGER, 'drop = ["finger"]\n'),
+    )
     arm.write_text(arm.read_text().replace("[variant", joint + "[variant"))
     model = read(arm)
     ram = model.elements[2]
     assert [d.name for d in ram.dofs] == ["early", "slide"] and not ram.dofs[1].actuated
-    assert (ram.dofs[1].lower, ram.dofs[1].upper, ram.dofs[1].speed_max, ram.dofs[1].damping) == (-0.5, None, None, 3.0)
+    assert (ram.dofs[1].lower, ram.dofs[1].upper, ram.dofs[1].speed_max, ram.dofs[1].damping) == (
+        -0.5,
+        None,
+        None,
+        3.0,
+    )
     assert ram.body == nouns.Body(1.0, (0.1, 0.0, 0.0), ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
     assert (model.n_m, model.n_e) == (2, 3)
 
@@ -291,7 +352,12 @@ def test_motors_of_the_overlay_may_be_coupled(arm):
 
 def test_switches(arm):
     urdf = arm.with_name("arm.urdf")
-    edit(urdf, ('friction="0"', 'friction="3"'), ('effort="200"', 'effort="0"'), ('izz="0.3"/>', 'izz="0.4"/>'))
+    edit(
+        urdf,
+        ('friction="0"', 'friction="3"'),
+        ('effort="200"', 'effort="0"'),
+        ('izz="0.3"/>', 'izz="0.4"/>'),
+    )
     edit(
         arm,
         (FINGER, FINGER + "dynamics = false\nlimits = false\n"),
@@ -317,7 +383,9 @@ def test_joints_of_the_chain_can_be_locked(arm):
     arm.write_text(OVERLAY)
     free = Answers(derive(read(arm)))
     for found, expected in zip(
-        turned.forward_kinematics([0.2, 0.1, 0.3]), free.forward_kinematics([0.7, 0.2, 0.1, 0.3]), strict=True
+        turned.forward_kinematics([0.2, 0.1, 0.3]),
+        free.forward_kinematics([0.7, 0.2, 0.1, 0.3]),
+        strict=True,
     ):
         close(found, expected, POSE, 1.0)
 
@@ -332,7 +400,8 @@ def test_bodies_fixed_to_the_ground_do_not_change_the_torques(arm):
 def test_the_digest_follows_the_urdf_file(arm):
     before = read(arm)
     edit(arm.with_name("arm.urdf"), ('<sphere radius="0.1"/>', '<sphere radius="0.2"/>'))
-    assert (read(arm).text, model_digest(read(arm))) == (before.text, model_digest(before))  # a picture
+    # a picture
+    assert (read(arm).text, model_digest(read(arm))) == (before.text, model_digest(before))
     edit(arm.with_name("arm.urdf"), ('<mass value="6"/>', '<mass value="6.001"/>'))
     after = read(arm)
     assert after.text != before.text and model_digest(after) != model_digest(before)
@@ -349,22 +418,35 @@ def test_direct_drives_need_no_rotor(arm):
         a = answers.forward_dynamics(q, v, np.zeros(2), np.zeros(2), tau)[0]
         friction = np.array([0.0, 0.7]) * v
         close(answers.inverse_dynamics(q, v, a), tau - friction, TORQUE, 1.0)
-    with pytest.raises(ModelError, match=r"m2\.inertia: given 0\.0, expected a number > 0 behind an elastic gear"):
+    with pytest.raises(
+        ModelError, match=r"m2\.inertia: given 0\.0, expected a number > 0 behind an elastic gear"
+    ):
         read(arm, overrides={"motor.m2.inertia": 0.0})
 
 
 def test_massless_coordinates_are_found(arm):
     """Only where no body is moved: a massless link with a body behind it is none."""
     model = read(
-        f"{TWO_LINK}#ground:tip", overrides={"element.upper.body.mass": 0.0, "element.upper.body.inertia": [0] * 3}
+        f"{TWO_LINK}#ground:tip",
+        overrides={"element.upper.body.mass": 0.0, "element.upper.body.inertia": [0] * 3},
     )
     assert massless_coordinates(model) == () and model.elements[0].body.mass == 0.0
-    with pytest.raises(ModelError, match=r"two_link\.urdf:17:joint\.elbow: given the coordinate elbow, which can move"):
+    with pytest.raises(
+        ModelError,
+        match=r"two_link\.urdf:17:joint\.elbow: given the coordinate elbow, which can move",
+    ):
         read(model.file, overrides={"element.fore.body": {"mass": 0.0}})
-    assert read(model.file, overrides={"element.fore.body": {"mass": 0.0}, "motor.m2.inertia": 1e-6}).n_a == 2
+    assert (
+        read(
+            model.file, overrides={"element.fore.body": {"mass": 0.0}, "motor.m2.inertia": 1e-6}
+        ).n_a
+        == 2
+    )
     twice = 'name = "twice"\ntype = "rotation"\naxis = [0, 1, 0]'
     edit(arm, ('name = "bend"\ntype = "rotation"\naxis = [0, 0, 1]', twice))
-    with pytest.raises(ModelError, match=r"joint\.twice: given the coordinates q2, twice, which can move"):
+    with pytest.raises(
+        ModelError, match=r"joint\.twice: given the coordinates q2, twice, which can move"
+    ):
         read(arm)
 
 
@@ -374,7 +456,9 @@ def test_massless_coordinates_are_found(arm):
 def test_packages(arm, tmp_path, monkeypatch):
     for place in ("ros/arm_description/urdf", "ament/share/arm_ament/urdf"):
         (tmp_path / place).mkdir(parents=True)
-        (tmp_path / place / "arm.urdf").write_text(URDF.replace('"finger" type="prismatic"', '"finger" type="fixed"'))
+        (tmp_path / place / "arm.urdf").write_text(
+            URDF.replace('"finger" type="prismatic"', '"finger" type="fixed"')
+        )
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"/no/such/folder:{tmp_path / 'ros'}")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
     text = OVERLAY.replace(FINGER, "")
@@ -392,7 +476,10 @@ def test_packages(arm, tmp_path, monkeypatch):
 def test_plain_files_that_cannot_be_read(arm, tmp_path):
     urdf = edit(arm.with_name("arm.urdf"), ('"finger" type="prismatic"', '"finger" type="fixed"'))
     for wrong, words in (
-        (dict(model=urdf), 'without the two ends.*#BASE:TIP.*"world" and one of "jaw", "tip".*\\[urdf\\]'),
+        (
+            dict(model=urdf),
+            'without the two ends.*#BASE:TIP.*"world" and one of "jaw", "tip".*\\[urdf\\]',
+        ),
         (dict(model=f"{urdf}#world"), "without the two ends"),
         (dict(model=urdf, base="world"), "without the two ends"),
         (dict(model=f"{urdf}#world:tip", base="world"), "expected each once"),
@@ -406,7 +493,9 @@ def test_plain_files_that_cannot_be_read(arm, tmp_path):
     ):
         with pytest.raises(ArgumentError, match=words):
             read(**wrong)
-    with pytest.raises(ModelError, match=r'urdf\.tip: given "ti", expected a link of .*"tip" \(there are'):
+    with pytest.raises(
+        ModelError, match=r'urdf\.tip: given "ti", expected a link of .*"tip" \(there are'
+    ):
         read(f"{urdf}#world:ti")
     big = tmp_path / "big.urdf"
     big.write_text(URDF + " " * 2_000_000)
@@ -442,7 +531,10 @@ def refused(path: Path, key: str, words: list[str], mark: str, text: str, file: 
     with pytest.raises(ModelError) as caught:
         read(path)
     error, message = caught.value, str(caught.value)
-    assert message == f"{error.file}:{error.line}:{error.key}: given {error.given}, expected {error.expected}"
+    assert (
+        message
+        == f"{error.file}:{error.line}:{error.key}: given {error.given}, expected {error.expected}"
+    )
     assert error.key == key or error.key.endswith(key)
     for word in words:
         assert word in message.removeprefix(error.file)

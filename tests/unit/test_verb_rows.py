@@ -99,7 +99,9 @@ def test_defaults_read_from_the_source_are_those_of_the_function(name):
     read = defaults_of(function)
     assert read.keys() == expected.keys()
     assert {
-        key: value for key, value in expected.items() if isinstance(value, (int, float, str, tuple, type(None)))
+        key: value
+        for key, value in expected.items()
+        if isinstance(value, (int, float, str, tuple, type(None)))
     } == read
 
 
@@ -107,39 +109,69 @@ def test_defaults_read_from_the_source_are_those_of_the_function(name):
 def test_a_switch_off_is_of_a_parameter_that_is_on(name):
     defaults = defaults_of(VERBS[name].function)
     for option in VERBS[name].options():
-        if option.parameter in defaults and not option.takes_value and (name, option.name) not in VALUES:
+        if (
+            option.parameter in defaults
+            and not option.takes_value
+            and (name, option.name) not in VALUES
+        ):
             assert defaults[option.parameter] is option.name.startswith("no_"), option.name
 
 
 def test_each_option_with_another_name_than_its_parameter_has_a_reason():
-    assert {(verb.name, option.name) for verb in VERBS.values() for option in verb.options() if option.word} == set(
-        WORDS
-    )
+    assert {
+        (verb.name, option.name)
+        for verb in VERBS.values()
+        for option in verb.options()
+        if option.word
+    } == set(WORDS)
 
 
-FORMER = [(verb.name, option, old) for verb in VERBS.values() for option in verb.options() for old in option.old]
+FORMER = [
+    (verb.name, option, old)
+    for verb in VERBS.values()
+    for option in verb.options()
+    for old in option.old
+]
 
 
-@pytest.mark.parametrize(("verb", "option", "old"), FORMER, ids=[f"{verb} {old}" for verb, _, old in FORMER])
+@pytest.mark.parametrize(
+    ("verb", "option", "old"), FORMER, ids=[f"{verb} {old}" for verb, _, old in FORMER]
+)
 def test_a_former_option_is_accepted_with_a_note(verb, option, old):
     word, _, value = old.partition("=")
     required = [w for o in VERBS[verb].options() if o.required for w in (o.option, "x.npz")]
-    args = parse([*verb.split(), "elbow", *required, word, *(["1"] if option.takes_value and not value else [])])
+    args = parse(
+        [
+            *verb.split(),
+            "elbow",
+            *required,
+            word,
+            *(["1"] if option.takes_value and not value else []),
+        ]
+    )
     assert args.notes == [
         f"{word} is the old name of {' '.join(filter(None, (option.option, value)))}, please use the new one"
     ]
-    assert option.parameter in args.given and (not value or getattr(args, option.parameter) == value)
+    assert option.parameter in args.given and (
+        not value or getattr(args, option.parameter) == value
+    )
 
 
 def test_the_former_name_of_a_verb_is_accepted_with_a_note():
     args = parse(["path", "elbow", "--move", "line"])
-    assert args.verb == "plan" and args.notes == ["path is the old name of plan, please use the new one"]
+    assert args.verb == "plan" and args.notes == [
+        "path is the old name of plan, please use the new one"
+    ]
 
 
 def test_the_page_of_the_command_line_names_each_verb_once():
     page = Path(__file__).resolve().parents[2] / "docs" / "command_line.md"
     table = page.read_text(encoding="utf-8").partition("| verb |")[2].partition("\n\n")[0]
-    named = [name for line in table.splitlines()[2:] for name in re.findall(r"`([-\w]+)[^`]*`", line.split("|")[1])]
+    named = [
+        name
+        for line in table.splitlines()[2:]
+        for name in re.findall(r"`([-\w]+)[^`]*`", line.split("|")[1])
+    ]
     assert sorted(named) == sorted({name.partition(" ")[0] for name in VERBS})
 
 
@@ -174,12 +206,17 @@ main(["export", "planted", "--help"])
 def plant(folder: Path, room: str, module: str, rows: dict[str, str], used: str) -> str:
     """What a script prints with a copy of the package with one more module and changes in ``__init__.py``."""
     package = Path(flexgen.__file__).parent
-    for source, copy in ((package, folder / "flexgen"), (package / room, folder / "flexgen" / room)):
+    for source, copy in (
+        (package, folder / "flexgen"),
+        (package / room, folder / "flexgen" / room),
+    ):
         copy.mkdir()
         for entry in source.iterdir():
             if entry.name not in ("__init__.py", room, "__pycache__"):
                 (copy / entry.name).symlink_to(entry)
-        (copy / "__init__.py").write_text((source / "__init__.py").read_text(encoding="utf-8"), encoding="utf-8")
+        (copy / "__init__.py").write_text(
+            (source / "__init__.py").read_text(encoding="utf-8"), encoding="utf-8"
+        )
     front = folder / "flexgen" / "__init__.py"
     text = front.read_text(encoding="utf-8")
     for before, after in rows.items():
@@ -279,25 +316,33 @@ def test_choices_contain_the_default():
 
 
 def test_a_planted_option_without_parameter_is_seen():
-    planted = verbs_of("check MODEL | check:check | check\n    files\n        colour NAME: of the table", "")
+    planted = verbs_of(
+        "check MODEL | check:check | check\n    files\n        colour NAME: of the table", ""
+    )
     assert without_parameter(planted["check"]) == ["colour"]
 
 
 def test_a_word_without_meaning_is_refused():
     with pytest.raises(ValueError, match="given the word 'once!'"):
-        verbs_of("check MODEL | check:check\n    files\n        colour NAME once!: of the table", "")
+        verbs_of(
+            "check MODEL | check:check\n    files\n        colour NAME once!: of the table", ""
+        )
 
 
 def restated_defaults(help_text: str, default: object) -> bool:
     """Whether a help states the number that is the default of the function, instead of ``{default}``."""
     stated = re.findall(r"default: ([-+.\de]+)(?=[;,. ]|$)", help_text)
-    return isinstance(default, int | float) and any(float(text.rstrip(".")) == default for text in stated)
+    return isinstance(default, int | float) and any(
+        float(text.rstrip(".")) == default for text in stated
+    )
 
 
 def test_no_help_states_the_default_of_the_function_again():
     for verb in VERBS.values():
         defaults = defaults_of(verb.function) if verb.function else {}
-        again = [x.name for x in verb.options() if restated_defaults(x.help, defaults.get(x.parameter))]
+        again = [
+            x.name for x in verb.options() if restated_defaults(x.help, defaults.get(x.parameter))
+        ]
         assert again == [], verb.name
     assert restated_defaults("sample time [s]; default: 0.001", 1e-3)
     assert not restated_defaults("sample time [s]; default: {default}", 1e-3)

@@ -38,7 +38,11 @@ def test_a_robot_a_solution_and_a_trajectory_show_the_same_motion(tmp_path):
     b = flexgen.view(solution(), tmp_path / "b.html")
     assert a == tmp_path / "a.html" and a.read_bytes() == b.read_bytes()
     shown = data_in(a)
-    assert shown["simulated"] and len(shown["time"]) == FRAMES and shown["end"] == solution().move.duration
+    assert (
+        shown["simulated"]
+        and len(shown["time"]) == FRAMES
+        and shown["end"] == solution().move.duration
+    )
     file = solution().trajectory.save(tmp_path / "t.npz")
     for what in (solution().trajectory, file, str(solution().trajectory.save(tmp_path / "t.csv"))):
         planned = data_in(flexgen.view(what, tmp_path / "c.html"))
@@ -49,10 +53,14 @@ def test_a_robot_a_solution_and_a_trajectory_show_the_same_motion(tmp_path):
 def test_a_trajectory_of_a_robot_that_is_not_in_the_models(tmp_path):
     path = solution().trajectory
     other = replace(path, meta={**path.meta, "model": "mine"})
-    with pytest.raises(ArgumentError, match=r"the trajectory is of model 'mine'.*expected also its model"):
+    with pytest.raises(
+        ArgumentError, match=r"the trajectory is of model 'mine'.*expected also its model"
+    ):
         flexgen.view(other, tmp_path / "a.html")
     assert flexgen.view(other, tmp_path / "a.html", model="elbow").is_file()
-    with pytest.raises(ArgumentError, match="given a trajectory with 2 arm coordinates, expected q_a with 3"):
+    with pytest.raises(
+        ArgumentError, match="given a trajectory with 2 arm coordinates, expected q_a with 3"
+    ):
         flexgen.view(other, tmp_path / "b.html", model="planar5_nmp")
     assert not (tmp_path / "b.html").exists()
 
@@ -81,7 +89,9 @@ def test_a_row_of_masses_has_nothing_to_show(tmp_path):
         flexgen.view("four_mass@high", tmp_path / "a.html")
 
 
-@pytest.mark.parametrize("length", [1e-3, 0.037, 0.8, 1.0, 3.99, 4.0, 7.77, 29.9, 30.0, 61.0, 4000.0])
+@pytest.mark.parametrize(
+    "length", [1e-3, 0.037, 0.8, 1.0, 3.99, 4.0, 7.77, 29.9, 30.0, 61.0, 4000.0]
+)
 def test_frames_have_the_speed_of_the_title(length):
     """The time between frames as a GIF stores it, in 10 ms, is that of the speed, also where frames are left out."""
     shown = 1000 // video.RATE  # ms
@@ -89,7 +99,10 @@ def test_frames_have_the_speed_of_the_title(length):
     speed, times = video.frames(2.0, 2.0 + length)
     steps = np.diff(times)
     assert times[0] == 2.0 and times[-1] == 2.0 + length and 2 <= len(times) <= video.FRAMES_MAX
-    assert np.abs(steps[:-1] - speed * shown / 1000).max(initial=0.0) < 1e-9 and 0.0 < steps[-1] <= speed / 15
+    assert (
+        np.abs(steps[:-1] - speed * shown / 1000).max(initial=0.0) < 1e-9
+        and 0.0 < steps[-1] <= speed / 15
+    )
     assert (len(times) - 1) / video.RATE >= video.LENGTH or speed == video.SLOW[-1]
 
 
@@ -104,9 +117,13 @@ def test_the_pictures_are_drawn_one_after_the_other(tmp_path):
             most.append(sum(one() is not None for one in alive))
             yield picture
 
-    assert video._feed([sys.executable, "-c", "import sys; sys.stdin.buffer.read()"], pictures(12)) == (0, "")
+    assert video._feed(
+        [sys.executable, "-c", "import sys; sys.stdin.buffer.read()"], pictures(12)
+    ) == (0, "")
     assert len(most) == 12 and max(most) <= 2
-    assert video._feed([sys.executable, "-c", "import sys; sys.exit('no space')"], pictures(12)) == (1, "no space")
+    assert video._feed(
+        [sys.executable, "-c", "import sys; sys.exit('no space')"], pictures(12)
+    ) == (1, "no space")
 
 
 @pytest.mark.slow
@@ -133,7 +150,9 @@ def test_an_mp4_has_all_frames(tmp_path):
     assert path.suffix == ".html"
     command = ["ffprobe", "-v", "error", "-count_frames", "-select_streams", "v:0", "-show_entries"]
     command += ["stream=nb_read_frames,width,height", "-of", "csv=p=0", str(tmp_path / "arm.mp4")]
-    width, height, frames = map(int, subprocess.run(command, capture_output=True, check=True).stdout.split(b","))
+    width, height, frames = map(
+        int, subprocess.run(command, capture_output=True, check=True).stdout.split(b",")
+    )
     assert (width, height) == (720, 540) and frames >= 60
     assert sorted(file.name for file in tmp_path.iterdir()) == ["arm.html", "arm.mp4"]
 
@@ -151,10 +170,18 @@ def test_command_line(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["out"] == str(out) and out.is_file()
     assert main(["view", str(file), "--robot", "elbow@payload", "--out", str(out)]) == 0
     assert main(["view", "elbow"]) == 1
-    assert "given no file, expected a path that ends in .html, or a video" in capsys.readouterr().err
+    assert (
+        "given no file, expected a path that ends in .html, or a video" in capsys.readouterr().err
+    )
     assert main(["view", "elbow", "--robot", "elbow", "--out", str(out)]) == 1
-    assert "given a robot and model, expected model together with a trajectory only" in capsys.readouterr().err
+    assert (
+        "given a robot and model, expected model together with a trajectory only"
+        in capsys.readouterr().err
+    )
     assert main(["view", str(file), "--move", "line", "--out", str(out)]) == 1
-    assert "given a trajectory and move, expected move together with a robot only" in capsys.readouterr().err
+    assert (
+        "given a trajectory and move, expected move together with a robot only"
+        in capsys.readouterr().err
+    )
     assert main(["view", str(file), "--set", "payload.mass=1", "--out", str(out)]) == 1
     assert "--set" in capsys.readouterr().err

@@ -44,7 +44,9 @@ def verdict_along(arm: PlanarArm, plant: Break = lambda x: x) -> bool:
     """Minimum phase or not by the route of `zero_path`."""
     equations = Equations(arm.model)
     rest = hold_joints(equations, np.array(arm.pose))
-    roots, _, _ = zeros_at(equations, plant(arm_linearization(equations, rest.q_a[None])), np.zeros(1))
+    roots, _, _ = zeros_at(
+        equations, plant(arm_linearization(equations, rest.q_a[None])), np.zeros(1)
+    )
     return not is_unstable(roots[0]).any()
 
 
@@ -93,7 +95,9 @@ def test_zeros_of_planar_arms_in_closed_form(bent: bool) -> None:
             assert np.abs(roots[0] - zero).min() < allowed * abs(zero)
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp", "beam_arm", "urdf_arm", "manutec_r3_efjm", "four_mass"])
+@pytest.mark.parametrize(
+    "name", ["planar5_nmp", "beam_arm", "urdf_arm", "manutec_r3_efjm", "four_mass"]
+)
 def test_the_batch_agrees_with_each_pose_alone(name: str) -> None:
     equations = flexgen.derive(name)
     path = Path(equations, equations.model.move())
@@ -159,7 +163,9 @@ def telescope() -> tuple[Equations, Path, float]:
     upper, fore, last = model.elements
     slide = replace(fore.dofs[0], name="slide", type="translation", axis=(1.0, 0.0, 0.0))
     # a point mass at the tool has no influence on the zeros
-    pole = replace(fore, name="pole", dofs=(slide,), origin=Placement((0.3, 0.0, 0.0)), body=Body(mass=5.0))
+    pole = replace(
+        fore, name="pole", dofs=(slide,), origin=Placement((0.3, 0.0, 0.0)), body=Body(mass=5.0)
+    )
     move = replace(model.moves[1], start=(0.3, -0.15), end=(0.4, 0.6), duration=1.0)
     changed = replace(
         model,
@@ -209,21 +215,29 @@ def test_a_path_as_json() -> None:
 def test_complete_coupling_goes_by_the_state_space() -> None:
     model = read("planar5_nmp")
     motors = tuple(
-        replace(m, axis=(0.0, 0.0, 1.0), carrier=c) for m, c in zip(model.motors, ("base", "arm1"), strict=True)
+        replace(m, axis=(0.0, 0.0, 1.0), carrier=c)
+        for m, c in zip(model.motors, ("base", "arm1"), strict=True)
     )
     equations = Equations(replace(model, motors=motors, motor_coupling="complete"))
     found = zero_path(equations, Path(equations, model.move()), n=3)
     assert found.phase == "non-minimum phase"
-    assert found.slowest == pytest.approx(891.8, rel=0.05)  # the coupling is an effect of one over the gear ratio
+    # the coupling is an effect of one over the gear ratio
+    assert found.slowest == pytest.approx(891.8, rel=0.05)
     assert np.isnan(found.sigma_min).all()
 
 
-def on_path(equations: Equations, sample: PathSample, guess: np.ndarray, e: np.ndarray) -> list[np.ndarray]:
+def on_path(
+    equations: Equations, sample: PathSample, guess: np.ndarray, e: np.ndarray
+) -> list[np.ndarray]:
     """Coordinates, speeds, accelerations (1, n_a) on the path, for deflections ``e`` (n_e, 3) and two derivatives."""
     model = equations.model
     i_g, i_e = list(model.i_g), list(model.i_e)
     constraint = equations.function("output_constraint")
-    target = sample.y[0, :, 0] if sample.R is None else np.concatenate([sample.y[0, :, 0], sample.R[0].T.ravel()])
+    target = (
+        sample.y[0, :, 0]
+        if sample.R is None
+        else np.concatenate([sample.y[0, :, 0], sample.R[0].T.ravel()])
+    )
     q, v, a = guess.copy(), np.zeros(model.n_a), np.zeros(model.n_a)
     q[i_e], v[i_e], a[i_e] = e.T
     for _ in range(8):
@@ -240,7 +254,8 @@ def on_path(equations: Equations, sample: PathSample, guess: np.ndarray, e: np.n
 def test_the_pencil_of_a_moving_machine_by_differences(name: str) -> None:
     equations = flexgen.derive(name)
     model = equations.model
-    path = Path(equations, replace(model.move(), duration=0.3))  # fast enough for centrifugal terms to count
+    # fast enough for centrifugal terms to count
+    path = Path(equations, replace(model.move(), duration=0.3))
     t = np.array([0.08])
     q, v, a = quasistatic_motion(equations, path, t)
     sample = path.sample(t)
@@ -259,7 +274,8 @@ def test_the_pencil_of_a_moving_machine_by_differences(name: str) -> None:
             differenced[:, j] = (ends[0] - ends[1]) / (2 * step)
         size = np.abs(differenced).max()
         assert np.abs(found[2 - level][0] - differenced).max() < DIFFERENCED * size
-        if level < 2 and name != "planar5_nmp":  # planted bug: the pencil at rest; in the plane they hardly differ
+        # planted bug: the pencil at rest; in the plane they hardly differ
+        if level < 2 and name != "planar5_nmp":
             assert np.abs(resting[2 - level][0] - differenced).max() > 10 * DIFFERENCED * size
 
 
@@ -269,10 +285,14 @@ def test_moving_slowly_is_rest(name: str) -> None:
     slow = Path(equations, replace(equations.model.move(), duration=1e3))
     rest, moving = zero_path(equations, slow, n=3), zero_path(equations, slow, n=3, moving=True)
     assert np.abs(moving.zeros / rest.zeros - 1).max() < 1e-3
-    if name == "planar5_nmp":  # the last body turns about a point that accelerates: speed hardly matters
+    # the last body turns about a point that accelerates: speed hardly matters
+    if name == "planar5_nmp":
         return
     fast = Path(equations, replace(equations.model.move(), duration=0.3))
-    assert np.abs(zero_path(equations, fast, n=5, moving=True).zeros[2] / rest.zeros[1] - 1).max() > 1e-3
+    assert (
+        np.abs(zero_path(equations, fast, n=5, moving=True).zeros[2] / rest.zeros[1] - 1).max()
+        > 1e-3
+    )
 
 
 def test_no_zeros_along_a_path_without_as_many_outputs_as_motors() -> None:
@@ -292,7 +312,9 @@ def test_the_quasistatic_motion_keeps_the_output_on_its_path():
     t = path.duration * np.array([0.3, 0.5, 0.7])
     q, v, a = quasistatic_motion(equations, path, t)
     sample = path.sample(t)
-    y = [evaluate(output, q + s * h * v + (s * h) ** 2 / 2 * a)[0].reshape(3, -1) for s in (-1, 0, 1)]
+    y = [
+        evaluate(output, q + s * h * v + (s * h) ** 2 / 2 * a)[0].reshape(3, -1) for s in (-1, 0, 1)
+    ]
     for k, found in enumerate((y[1], (y[2] - y[0]) / (2 * h), (y[2] - 2 * y[1] + y[0]) / h**2)):
         expected = sample.derivative(k)[:, : found.shape[1]]
         assert np.abs(found - expected).max() < 1e-3 * np.abs(expected).max()

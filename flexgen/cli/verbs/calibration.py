@@ -17,7 +17,9 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
 
     model = read_model(args)
     if args.out is not None and (model.variant or not model.file.endswith(".toml")):
-        raise ArgumentError(f"--out: given {args.model}, expected a .toml model file without @variant")
+        raise ArgumentError(
+            f"--out: given {args.model}, expected a .toml model file without @variant"
+        )
     priors = flexgen.Priors()
     for name, value in args.prior or ():
         if name not in vars(priors) or not isinstance(value, int | float):
@@ -26,7 +28,9 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
             )
         priors = flexgen.Priors(**(vars(priors) | {name: float(value)}))
     poses = StaticPoses.read(args.poses, model)
-    found = flexgen.calibrate(model, poses, priors=priors, **keywords(args, "poses", "priors"), progress=throttle(log))
+    found = flexgen.calibrate(
+        model, poses, priors=priors, **keywords(args, "poses", "priors"), progress=throttle(log)
+    )
     data, text, files = found.to_dict(), found.to_text(), dict[str, Path | None]()
     if args.add_poses:
         names = [c.name for c in model.coordinates if c.actuated]

@@ -7,7 +7,8 @@ from argparse import Namespace
 from flexgen.cli.result import derive_model
 from flexgen.errors import FlexgenError
 
-HINTED = ("analyze", "solve", "simulate", "run", "control", "fastest", "learn")  # verbs that compute with all numbers
+# verbs that compute with all numbers
+HINTED = ("analyze", "solve", "simulate", "run", "control", "fastest", "learn")
 
 
 def implausible(args: Namespace, problem: str) -> str:

@@ -22,7 +22,9 @@ def completion(args: argparse.Namespace, log: Callable[[str], None]) -> Any:
 
 def verbs(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
     """The parsers of the verbs by name."""
-    (group,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    (group,) = (
+        action for action in parser._actions if isinstance(action, argparse._SubParsersAction)
+    )
     return dict(group.choices)
 
 
@@ -45,7 +47,11 @@ def _words(parser: argparse.ArgumentParser, models: list[str]) -> list[str]:
     for action in parser._actions:
         if action.option_strings:
             continue
-        return list(models) if action.dest == "model" else [str(choice) for choice in action.choices or ()]
+        return (
+            list(models)
+            if action.dest == "model"
+            else [str(choice) for choice in action.choices or ()]
+        )
     return []
 
 
@@ -66,7 +72,11 @@ def bash(parser: argparse.ArgumentParser, models: list[str]) -> str:
     for name, verb in verbs(parser).items():
         inner = [
             f"            {word}) "
-            + (f'COMPREPLY=($(compgen -W "{" ".join(words)}" -- "$word")); ' if words else "COMPREPLY=(); ")
+            + (
+                f'COMPREPLY=($(compgen -W "{" ".join(words)}" -- "$word")); '
+                if words
+                else "COMPREPLY=(); "
+            )
             + "return ;;"
             for word, words in _values(verb).items()
         ]
@@ -109,7 +119,9 @@ def zsh(parser: argparse.ArgumentParser, models: list[str]) -> str:
             specs.append(f"'{spec}'")
         words = _words(verb, models)
         if words:
-            specs.append("'1:model:_flexgen_models'" if words == models else f"'1:word:({' '.join(words)})'")
+            specs.append(
+                "'1:model:_flexgen_models'" if words == models else f"'1:word:({' '.join(words)})'"
+            )
         cases.append(f"        {name}) _arguments {' '.join(specs)} '*:file:_files' ;;")
     listed = " ".join(f"'{name}:{_help_of(verb)}'" for name, verb in verbs(parser).items())
     return f"""#compdef flexgen
@@ -140,7 +152,9 @@ def fish(parser: argparse.ArgumentParser, models: list[str]) -> str:
         "# Completion of flexgen for fish. Use: flexgen completion fish > ~/.config/fish/completions/flexgen.fish",
     ]
     for name, verb in verbs(parser).items():
-        lines.append(f"complete -c flexgen -n __fish_use_subcommand -f -a {name} -d '{_help_of(verb)}'")
+        lines.append(
+            f"complete -c flexgen -n __fish_use_subcommand -f -a {name} -d '{_help_of(verb)}'"
+        )
         here = f"complete -c flexgen -n '__fish_seen_subcommand_from {name}'"
         values = _values(verb)
         for word, action in _options(verb):
@@ -156,4 +170,8 @@ def fish(parser: argparse.ArgumentParser, models: list[str]) -> str:
 
 def _help_of(parser: argparse.ArgumentParser) -> str:
     """First words of the description of a verb, without quotes."""
-    return re.sub(r"['\"`$\\\[\]:]", "", (parser.description or "").partition(":")[0]).strip().rstrip(".")
+    return (
+        re.sub(r"['\"`$\\\[\]:]", "", (parser.description or "").partition(":")[0])
+        .strip()
+        .rstrip(".")
+    )

@@ -7,7 +7,17 @@ from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, throttle, wall_of, with_files, written
+from flexgen.cli.result import (
+    Progress,
+    VerbResult,
+    alone,
+    keywords,
+    read_model,
+    throttle,
+    wall_of,
+    with_files,
+    written,
+)
 from flexgen.errors import ArgumentError
 from flexgen.reports.text_tables import number, table
 
@@ -95,7 +105,9 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
 
     model = read_model(args)
     own = {"torque": args.torque, "speed": args.speed}
-    numbers: dict[str, Any] = {key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None}
+    numbers: dict[str, Any] = {
+        key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None
+    }
     limits = Limits.from_model(model, **numbers) if numbers else Limits()
     limits = replace(limits, reserve=args.reserve or 0.0)
     found = search(model, limits=limits, **keywords(args), progress=throttle(log))
@@ -111,7 +123,10 @@ def _command(model: RobotModel, command: list[float]) -> VerbResult:
     named = [sensor.name for sensor in model.sensors if sensor.type == "tracker"] or ["tool"]
     at_rest = tracker_positions(model, [command])[0]
     sag = at_rest - tracker_positions(model, [command], sag=False)[0]
-    rows = [[name, *p.tolist(), *(1e3 * d).tolist()] for name, p, d in zip(named, at_rest, sag, strict=True)]
+    rows = [
+        [name, *p.tolist(), *(1e3 * d).tolist()]
+        for name, p, d in zip(named, at_rest, sag, strict=True)
+    ]
     data = {
         "model": model.name,
         "command": command,
@@ -120,7 +135,9 @@ def _command(model: RobotModel, command: list[float]) -> VerbResult:
         "sag_m": sag.tolist(),
     }
     head = ("", "x, m", "y, m", "z, m", "sag x, mm", "y, mm", "z, mm")
-    return VerbResult(data, f"{model.title}: at rest under gravity, motors at {command}\n\n{table(rows, head)}")
+    return VerbResult(
+        data, f"{model.title}: at rest under gravity, motors at {command}\n\n{table(rows, head)}"
+    )
 
 
 def kinematics(args: Namespace, log: Progress) -> VerbResult:
@@ -145,5 +162,6 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
     if not found:
         return VerbResult(data, "", f"the pose cannot be reached: {pose}")
     return VerbResult(
-        data, f"{model.name}: {len(found)} configurations at {pose}\n\n{configurations_text(model, found)}"
+        data,
+        f"{model.name}: {len(found)} configurations at {pose}\n\n{configurations_text(model, found)}",
     )

@@ -15,7 +15,11 @@ from flexgen.reports.text_tables import paragraph, table
 def export(args: Namespace, log: Progress) -> VerbResult:
     """Call the public function of the row, or an exporter of another package, and print what it wrote."""
     robot = read_model(args)
-    made = call(args, log, robot, args.out) if args.row.function else flexgen.export(args.kind, robot, args.out)
+    made = (
+        call(args, log, robot, args.out)
+        if args.row.function
+        else flexgen.export(args.kind, robot, args.out)
+    )
     text = made.summary()
     if made.path.is_dir():
         text = f"{robot.title}: {made.kind} in {made.path}\n\n{text}"
@@ -34,7 +38,8 @@ def schema(args: Namespace, log: Progress) -> VerbResult:
         return VerbResult(data, text)
     path = write_text(args.out, text + "\n")
     return VerbResult(
-        {"kind": args.kind, "out": str(path)}, f"wrote {path}; first line of a model file: #:schema {path}"
+        {"kind": args.kind, "out": str(path)},
+        f"wrote {path}; first line of a model file: #:schema {path}",
     )
 
 
@@ -42,8 +47,14 @@ def view(args: Namespace, log: Progress) -> VerbResult:
     """Show robot, move and deflections in the browser (one HTML file), or in a video."""
     of_file = str(args.model).endswith((".npz", ".csv"))
     if args.set and of_file:
-        raise ArgumentError("--set: given with a trajectory, expected a model (or --robot MODEL for a trajectory)")
+        raise ArgumentError(
+            "--set: given with a trajectory, expected a model (or --robot MODEL for a trajectory)"
+        )
     what = args.model if of_file else read_model(args)
     flexgen.view(what, args.out, model=args.robot, **keywords(args), progress=log)
-    paths = {key: str(path) for key, path in (("out", args.out), ("video", args.video)) if path is not None}
+    paths = {
+        key: str(path)
+        for key, path in (("out", args.out), ("video", args.video))
+        if path is not None
+    }
     return VerbResult(paths, "\n".join(f"wrote {path}" for path in paths.values()))

@@ -7,7 +7,15 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, throttle, with_files
+from flexgen.cli.result import (
+    Progress,
+    VerbResult,
+    alone,
+    keywords,
+    read_model,
+    throttle,
+    with_files,
+)
 from flexgen.errors import ArgumentError
 from flexgen.reports.text_tables import number
 
@@ -29,7 +37,9 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.reports.identification_texts import plan_text
 
     model = read_model(args)
-    hardware = DriveHardware.from_model(model, **{HARDWARE[x]: getattr(args, x) for x in HARDWARE if x in args.given})
+    hardware = DriveHardware.from_model(
+        model, **{HARDWARE[x]: getattr(args, x) for x in HARDWARE if x in args.given}
+    )
     plan = plan_experiment(model, hardware=hardware, **keywords(args), progress=throttle(log))
     data = {
         "model": model.name,
@@ -73,7 +83,9 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     if writer is not None:
         data["recordings"] = str(writer.finish())
         text += f"\nwrote {data['recordings']}, {len(writer.files)} files with all samples"
-    limited = "torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms"
+    limited = (
+        "torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms"
+    )
     return VerbResult(data, text, warnings=[limited] if experiment.saturated.any() else [])
 
 
@@ -91,7 +103,9 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
         "outputs": list(found.outputs),
         "median_relative_sd": found.relative_sd(),
     }
-    files = {"frf": found.save(args.out)} | ({} if args.report is None else {"report": found.report(args.report)})
+    files = {"frf": found.save(args.out)} | (
+        {} if args.report is None else {"report": found.report(args.report)}
+    )
     return with_files(found.to_text(), data, files, warnings=list(found.warnings))
 
 
@@ -100,9 +114,13 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     if args.rigid or args.segments is not None:
         return _rigid(args, log) if args.rigid else _segments(args, log)
     if args.validate is not None or args.counterbalance:
-        raise ArgumentError("--validate, --counterbalance: given without --rigid or --segments, expected with them")
+        raise ArgumentError(
+            "--validate, --counterbalance: given without --rigid or --segments, expected with them"
+        )
     if args.truth is not None and args.move is None:
-        raise ArgumentError("--truth: given without --move, expected also --move NAME, whose tool error is compared")
+        raise ArgumentError(
+            "--truth: given without --move, expected also --move NAME, whose tool error is compared"
+        )
     from flexgen.identification.frequency_response import Frf
     from flexgen.identification.graybox import identify as fit
     from flexgen.identification.recordings.experiment_file import load_experiment
@@ -113,7 +131,11 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     model, data = read_model(args), Frf.load(args.data)
     if args.structure:
         return _structure(model, data, args, log)
-    given = {"start": _floats(args.start), "source": str(args.data), **keywords(args, "data", "start", "levels")}
+    given = {
+        "start": _floats(args.start),
+        "source": str(args.data),
+        **keywords(args, "data", "start", "levels"),
+    }
     given["levels"] = [Frf.load(path) for path in args.levels or ()]
     found, validation, tell = fit(model, data, **given, progress=throttle(log)), [], throttle(log)
     checked: dict[str, Any] = {}
@@ -124,11 +146,16 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         if validated is not None:
             checked["validation"] = vars(validated)
             validation.append(validation_text(validated, experiment.plan.motors))
-    text, usable = text_of_identification(found, *validation), found.status != FitStatus.NOT_CONVERGED
+    text, usable = (
+        text_of_identification(found, *validation),
+        found.status != FitStatus.NOT_CONVERGED,
+    )
     if args.move is not None and usable:
         checked["tool_errors"], words = _verdict(found, args, log)
         text += f"\n\n{words}"
-    return with_files(text, found.to_dict() | checked, _files(found, args, usable), _problem(found.status))
+    return with_files(
+        text, found.to_dict() | checked, _files(found, args, usable), _problem(found.status)
+    )
 
 
 def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbResult:
@@ -152,11 +179,17 @@ def _rigid(args: Namespace, log: Progress) -> VerbResult:
     """Bodies, rotors and friction from recorded motions, and the stiffness of gears with encoders on both sides."""
     from flexgen.identification.recordings.rigid_file import identify_bodies
 
-    alone(args, "--rigid", "structure", "segments", *OF_RESPONSES, "free", "fixed", "start", "report")
+    alone(
+        args, "--rigid", "structure", "segments", *OF_RESPONSES, "free", "fixed", "start", "report"
+    )
     balance = {name: int(count) for name, count in args.counterbalance or ()}
     options = {"validate": args.validate, "counterbalance": balance, "progress": log}
     found = identify_bodies(read_model(args), args.data, **options)
-    problem = "" if found.fit.status.has_deviations else f"{found.fit.status}: {found.fit.status.sentence}"
+    problem = (
+        ""
+        if found.fit.status.has_deviations
+        else f"{found.fit.status}: {found.fit.status.sentence}"
+    )
     return with_files(found.to_text(), found.to_dict(), _files(found, args), problem)
 
 
@@ -171,9 +204,13 @@ def _segments(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError("--segments: given no --free, expected the names of the parameters")
     start = {key: float(value) for key, value in args.start or ()}
     options = {"free": args.free, "fixed": args.fixed, "start": start, "validate": args.validate}
-    found = fit_motion(read_model(args), args.data, segment_s=args.segments, **options, progress=log)
+    found = fit_motion(
+        read_model(args), args.data, segment_s=args.segments, **options, progress=log
+    )
     files = _files(found, args, found.status != FitStatus.NOT_CONVERGED)
-    return with_files(text_of_motion_fit(found, args.segments), found.to_dict(), files, _problem(found.status))
+    return with_files(
+        text_of_motion_fit(found, args.segments), found.to_dict(), files, _problem(found.status)
+    )
 
 
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:
@@ -192,7 +229,9 @@ def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str,
 def _files(found: Any, args: Namespace, usable: bool = True) -> dict[str, Path | None]:
     """The new model file and the report, where they are asked for and the result is usable."""
     files = {} if args.out is None or not usable else {"model_file": found.write(args.out)}
-    return files | ({} if args.report is None or not usable else {"report": found.report(args.report)})
+    return files | (
+        {} if args.report is None or not usable else {"report": found.report(args.report)}
+    )
 
 
 def _problem(status: Any) -> str:

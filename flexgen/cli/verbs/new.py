@@ -17,7 +17,9 @@ def new(args: Namespace, log: Progress) -> VerbResult:
     path = args.out or Path(f"{args.name}.toml")
     check_writable(path)
     if path.exists() and not args.force:
-        raise ArgumentError(f"--out: given {str(path)!r}, which exists, expected a new file; --force replaces it")
+        raise ArgumentError(
+            f"--out: given {str(path)!r}, which exists, expected a new file; --force replaces it"
+        )
     text = new_model(args.name, args.template or "planar", args.urdf, path.parent)
     write_text(path, text)
     next_steps = "\n".join(f"next: flexgen {verb} {path}" for verb in ("check", "analyze", "solve"))

@@ -15,10 +15,14 @@ def path(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.paths.path import plan
 
     robot = read_model(args)
-    planned = plan(robot, find_move_in(args.moves, args.move, robot), ignore_limits=args.ignore_limits)
+    planned = plan(
+        robot, find_move_in(args.moves, args.move, robot), ignore_limits=args.ignore_limits
+    )
     if args.out is not None:
         from flexgen.codegen.path_header import path_header
 
-        write_text(args.out, path_header(robot, planned.move.name, planned.table(), planned.duration))
+        write_text(
+            args.out, path_header(robot, planned.move.name, planned.table(), planned.duration)
+        )
     files = {} if args.out is None else {"table": args.out}
     return with_files(planned.to_text(), planned.to_dict(), files)

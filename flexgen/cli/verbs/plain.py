@@ -15,4 +15,6 @@ def plain(args: Namespace, log: Progress) -> VerbResult:
     if not hasattr(result, "to_text"):
         return VerbResult({"result": as_plain(result)}, as_json(as_plain(result)))
     notes = [text for text in getattr(result, "warnings", ()) if isinstance(text, str)]
-    return with_files(result.to_text(), result.to_dict(), written(args, result), result.problem, warnings=notes)
+    return with_files(
+        result.to_text(), result.to_dict(), written(args, result), result.problem, warnings=notes
+    )

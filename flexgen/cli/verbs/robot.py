@@ -59,7 +59,9 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
         except ArgumentError as error:
             if form:
                 raise
-            warnings.append(f"the equations are not printed ({error}); the table shows the sizes of the functions")
+            warnings.append(
+                f"the equations are not printed ({error}); the table shows the sizes of the functions"
+            )
     if form:
         data[form] = text
     if args.out is not None:

@@ -7,7 +7,14 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from flexgen.cli.result import Progress, VerbResult, check_report, derive_model, keywords, read_model
+from flexgen.cli.result import (
+    Progress,
+    VerbResult,
+    check_report,
+    derive_model,
+    keywords,
+    read_model,
+)
 from flexgen.cli.verbs.solve import failure_of
 from flexgen.display import plain
 from flexgen.reports.text_tables import one_line
@@ -43,7 +50,9 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     solution = solve_move(equations, **keywords(args), progress=log)
     problem, trajectory = problem_of(solution, ACCURACY), directory / f"{solution.move.name}.npz"
     if solution.interrupted:  # without the report
-        data: dict[str, Any] = {"solve": solution.to_dict() | {"trajectory": str(solution.trajectory.save(trajectory))}}
+        data: dict[str, Any] = {
+            "solve": solution.to_dict() | {"trajectory": str(solution.trajectory.save(trajectory))}
+        }
         text = f"{figures(figure_rows(solution))}\n\nwrote {trajectory}"
         return VerbResult(data, text, problem, list(solution.warnings), interrupted=True)
     checked = compare_library(library, equations, solution.trajectory)

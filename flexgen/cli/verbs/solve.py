@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.atomic_files import check_writable
-from flexgen.cli.result import Progress, VerbResult, alone, check_report, derive_model, keywords, wall_of, with_files
+from flexgen.cli.result import (
+    Progress,
+    VerbResult,
+    alone,
+    check_report,
+    derive_model,
+    keywords,
+    wall_of,
+    with_files,
+)
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 from flexgen.reports.text_tables import table
@@ -54,8 +63,14 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
     return VerbResult(
         {"model": equations.model.name, "solutions": [result.data for result in found]},
         "\n\n".join(result.text for result in found),
-        "; ".join(f"move {m.name}: {r.problem}" for m, r in zip(moves, found, strict=False) if r.problem),
-        [f"move {m.name}: {line}" for m, r in zip(moves, found, strict=False) for line in r.warnings],
+        "; ".join(
+            f"move {m.name}: {r.problem}" for m, r in zip(moves, found, strict=False) if r.problem
+        ),
+        [
+            f"move {m.name}: {line}"
+            for m, r in zip(moves, found, strict=False)
+            for line in r.warnings
+        ],
         "\n\n".join(result.details for result in found),
         found[-1].interrupted,
         min((r.failure for r in found if r.problem), default=1),
@@ -82,7 +97,9 @@ def _announce(args: Namespace, robot: RobotModel, log: Progress) -> None:
     from flexgen.inversion.choice import FULL_LARGEST
 
     if args.method == "full" and robot.n_a > FULL_LARGEST:
-        log(f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes seconds")
+        log(
+            f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes seconds"
+        )
 
 
 def _solve_one(
@@ -104,7 +121,10 @@ def _solve_one(
     if args.fastest:
         from flexgen.performance.minimum_time import fastest
 
-        move, limits = fastest(equations, move, limits=limits, time_limit=args.time_limit, progress=log).move, None
+        move, limits = (
+            fastest(equations, move, limits=limits, time_limit=args.time_limit, progress=log).move,
+            None,
+        )
     solution = solve_move(
         equations,
         move,
@@ -117,7 +137,9 @@ def _solve_one(
     if out is not None:
         files["trajectory"] = solution.trajectory.save(out)
         if solution.torque_command is not None:
-            files["torque_command"] = solution.torque_command.save(out.with_name(f"{out.stem}_{COMMAND}{out.suffix}"))
+            files["torque_command"] = solution.torque_command.save(
+                out.with_name(f"{out.stem}_{COMMAND}{out.suffix}")
+            )
     if report is not None and not solution.interrupted:
         from flexgen.loop.comparison import compare
 
@@ -131,7 +153,10 @@ def _solve_one(
         prediction = predict(equations, solution=solution, progress=log)
         data["prediction"] = prediction.to_dict()
         text = "\n\n".join([text, "\n".join(prediction.lines())])
-    more: dict[str, Any] = {"warnings": list(solution.warnings), "details": solution_details(solution)}
+    more: dict[str, Any] = {
+        "warnings": list(solution.warnings),
+        "details": solution_details(solution),
+    }
     more |= {"interrupted": solution.interrupted, "failure": failure_of(solution)}
     return with_files(text, data, files, problem_of(solution, args.accuracy), **more)
 
@@ -165,7 +190,12 @@ def sense(args: Namespace, log: Progress) -> VerbResult:
     for name in seen.channels:
         for label, unit, x in zip(seen.labels[name], seen.units[name], seen[name].T, strict=True):
             rows.append([label, unit, float(x.min()), float(x.max()), float((x**2).mean() ** 0.5)])
-            ranges[label] = {"unit": unit, "least": rows[-1][2], "largest": rows[-1][3], "rms": rows[-1][4]}
+            ranges[label] = {
+                "unit": unit,
+                "least": rows[-1][2],
+                "largest": rows[-1][3],
+                "rms": rows[-1][4],
+            }
     data = {"model": equations.model.name, "sensors": ranges}
     text = f"{equations.model.title}: sensors along {args.motion}\n\n"
     text += table(rows, ("", "unit", "least", "largest", "effective"))

@@ -32,7 +32,9 @@ class Binary:
 def binaries_of(version: str, binary: bool, platforms: Any) -> tuple[Binary, ...]:
     """The binaries that an FMU is to have; `platforms` and errors as of `flexgen.export_fmu`."""
     if platforms is not None and not binary:
-        raise ArgumentError("platforms: given for an FMU without binary, expected them with binary=True only")
+        raise ArgumentError(
+            "platforms: given for an FMU without binary, expected them with binary=True only"
+        )
     if not binary:
         return ()
     if platforms is None:
@@ -67,7 +69,9 @@ def _chosen(platforms: Any, version: str) -> list[Target]:
 def _compiler() -> Compiler:
     """The compiler, for every computer with a processor of this kind."""
     here = this_target()
-    found = find_compiler(isa="x86-64" if here is not None and here.machine == "x86_64" else "native")
+    found = find_compiler(
+        isa="x86-64" if here is not None and here.machine == "x86_64" else "native"
+    )
     if found is None:
         raise BuildError(
             f"{NO_COMPILER}, or write the sources only: binary=False in Python, --no-binary on the command line"

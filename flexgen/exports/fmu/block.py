@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from flexgen.exports.fmu.variables import INPUT, OUTPUT, PARAMETER, SETTING, STATE, STATUS, TIME, Variable
+from flexgen.exports.fmu.variables import (
+    INPUT,
+    OUTPUT,
+    PARAMETER,
+    SETTING,
+    STATE,
+    STATUS,
+    TIME,
+    Variable,
+)
 
 FASTEST = "MODEL_FASTEST(x, u, p, r, w)"  # of the plant, where it has torques with states
 
@@ -78,9 +87,20 @@ def config(block: Block, token: str) -> str:
     ]
     lines += ["#define FLEXGEN_FMU_CONFIG_H", "", "#include <stdint.h>", ""]
     lines += [f'#include "{block.header}"', ""] * bool(block.header)
-    lines += [f"#define {block.macro} 1", f'#define TOKEN "{token}"', f"#define SAMPLE_TIME {block.sample_time!r}"]
+    lines += [
+        f"#define {block.macro} 1",
+        f'#define TOKEN "{token}"',
+        f"#define SAMPLE_TIME {block.sample_time!r}",
+    ]
     lines += [f"#define {name} {value}" for name, value in block.defines.items()]
-    counts = {"N_X": STATE, "N_U": INPUT, "N_Y": OUTPUT, "N_P": PARAMETER, "N_SETTINGS": SETTING, "HAS_STATUS": STATUS}
+    counts = {
+        "N_X": STATE,
+        "N_U": INPUT,
+        "N_Y": OUTPUT,
+        "N_P": PARAMETER,
+        "N_SETTINGS": SETTING,
+        "HAS_STATUS": STATUS,
+    }
     sizes = [f"{name} = {len(block.of(kind))}" for name, kind in counts.items()]
     lines += [
         "",
@@ -88,11 +108,20 @@ def config(block: Block, token: str) -> str:
         f"enum {{ N_MEMORY = {block.memory}, N_WORK = {block.work} }};",
         "",
     ]
-    starts = {"X_START": STATE, "U_START": INPUT, "Y_START": OUTPUT, "P_START": PARAMETER, "SETTING_START": SETTING}
+    starts = {
+        "X_START": STATE,
+        "U_START": INPUT,
+        "Y_START": OUTPUT,
+        "P_START": PARAMETER,
+        "SETTING_START": SETTING,
+    }
     for name, kind in starts.items():
         lines.append(c_array(name, [v.start or 0 for v in block.of(kind)], whole=kind == SETTING))
     lines.append(c_array("X_NOMINAL", [v.nominal or 1.0 for v in block.of(STATE)]))
-    lines += [c_array(name, values, whole=name.startswith("SETTING")) for name, values in block.constants.items()]
+    lines += [
+        c_array(name, values, whole=name.startswith("SETTING"))
+        for name, values in block.constants.items()
+    ]
     return "\n".join([*lines, "", "#endif", ""])
 
 

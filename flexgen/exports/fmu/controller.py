@@ -42,10 +42,14 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
     held = hold_joints(derive(model), np.array(model.home))
     if isinstance(given, str | Path):
         if not Path(given).exists():
-            raise ArgumentError(f"controller: given {str(given)!r}, which does not exist, expected a file .toml")
+            raise ArgumentError(
+                f"controller: given {str(given)!r}, which does not exist, expected a file .toml"
+            )
         file, given = given, file_controller(str(given)) if str(given).endswith(".toml") else None
         if given is None:
-            raise ArgumentError(f"controller: given {str(file)!r}, expected a file .toml of type ppi or cascade")
+            raise ArgumentError(
+                f"controller: given {str(file)!r}, expected a file .toml of type ppi or cascade"
+            )
     given = PPI() if given is None else given
     if isinstance(given, PPI):
         rest_a, rest_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
@@ -57,7 +61,8 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
             "'controller'"
         )
     n = model.n_m
-    given.compiled(Setup(held.q_m[None], sample_time, model.n_a, n, 2 * n))  # checks the gains and the filters
+    # checks the gains and the filters
+    given.compiled(Setup(held.q_m[None], sample_time, model.n_a, n, 2 * n))
     sections = np.array([np.tile(f.section(sample_time), (n, 1)) for f in given.filters]).reshape(
         len(given.filters), n, 5
     )
@@ -74,7 +79,11 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
         sources={SOURCE.name: SOURCE.read_text(encoding="ascii")},
         header="",
         defines={"N_M": str(n), "SECTIONS": str(len(sections))},
-        constants={"SETTING_LEAST": [], "SETTING_MOST": [], "FILTERS": [float(x) for x in sections.ravel()]},
+        constants={
+            "SETTING_LEAST": [],
+            "SETTING_MOST": [],
+            "FILTERS": [float(x) for x in sections.ravel()],
+        },
         sample_time=sample_time,
         step=sample_time,
         memory=str(count),
@@ -92,11 +101,25 @@ def _variables(model: RobotModel, q_m: np.ndarray, tau_m: np.ndarray, gains: Any
         (2 * n, "feedforward_torque", "N.m", tau_m, "feedforward torque, motor side"),
     ):
         for k, m in enumerate(model.motors):
-            out.append(Variable(f"motor.{m.name}.{what}", INPUT, first + k, unit, text, float(starts[k]), sampled=True))
+            out.append(
+                Variable(
+                    f"motor.{m.name}.{what}",
+                    INPUT,
+                    first + k,
+                    unit,
+                    text,
+                    float(starts[k]),
+                    sampled=True,
+                )
+            )
     for k, m in enumerate(model.motors):
         name, text = f"motor.{m.name}.torque", "commanded motor torque, motor side"
         out.append(Variable(name, OUTPUT, k, "N.m", text, float(tau_m[k]), sampled=True))
     for i, (what, unit, text) in enumerate(_GAINS):
         for k, m in enumerate(model.motors):
-            out.append(Variable(f"motor.{m.name}.{what}", PARAMETER, i * n + k, unit, text, float(gains[i][k])))
+            out.append(
+                Variable(
+                    f"motor.{m.name}.{what}", PARAMETER, i * n + k, unit, text, float(gains[i][k])
+                )
+            )
     return out

@@ -17,10 +17,14 @@ _BASE = ("kg", "m", "s", "rad")
 def element(name: str, attributes: Mapping[str, object], inner: Sequence[str] = ()) -> list[str]:
     """Lines of an XML element; attributes with the value None are left out."""
     words = [
-        f"{key}={quoteattr(_NOT_XML.sub('?', str(value)))}" for key, value in attributes.items() if value is not None
+        f"{key}={quoteattr(_NOT_XML.sub('?', str(value)))}"
+        for key, value in attributes.items()
+        if value is not None
     ]
     head = " ".join([f"<{name}", *words])
-    return [f"{head}/>"] if not inner else [f"{head}>", *(f"  {line}" for line in inner), f"</{name}>"]
+    return (
+        [f"{head}/>"] if not inner else [f"{head}>", *(f"  {line}" for line in inner), f"</{name}>"]
+    )
 
 
 def number(x: float | int | None) -> str | None:
@@ -43,13 +47,17 @@ def _log() -> list[str]:
         {},
         [
             *element("Category", {"name": "logStatusError", "description": "why a call failed"}),
-            *element("Category", {"name": "logStatusWarning", "description": "what a call warns of"}),
+            *element(
+                "Category", {"name": "logStatusWarning", "description": "what a call warns of"}
+            ),
         ],
     )
 
 
 def _experiment(block: Block) -> list[str]:
-    return element("DefaultExperiment", {"startTime": "0", "stopTime": "1", "stepSize": number(block.step)})
+    return element(
+        "DefaultExperiment", {"startTime": "0", "stopTime": "1", "stepSize": number(block.step)}
+    )
 
 
 # --- FMI 2.0 ----------------------------------------------------------------------------------------------------------
@@ -57,7 +65,9 @@ def _experiment(block: Block) -> list[str]:
 
 def description_2(block: Block, token: str, sources: Sequence[str]) -> str:
     """modelDescription.xml of FMI 2.0."""
-    files = element("SourceFiles", {}, [line for file in sources for line in element("File", {"name": file})])
+    files = element(
+        "SourceFiles", {}, [line for file in sources for line in element("File", {"name": file})]
+    )
     common = {
         "modelIdentifier": block.name,
         "canNotUseMemoryManagementFunctions": "false",
@@ -87,7 +97,9 @@ def description_2(block: Block, token: str, sources: Sequence[str]) -> str:
         "variableNamingConvention": "structured",
         "numberOfEventIndicators": "0",
     }
-    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', *element("fmiModelDescription", root, inner), ""])
+    return "\n".join(
+        ['<?xml version="1.0" encoding="UTF-8"?>', *element("fmiModelDescription", root, inner), ""]
+    )
 
 
 def _scalar_2(v: Variable, position: Mapping[int, int]) -> list[str]:
@@ -102,8 +114,12 @@ def _scalar_2(v: Variable, position: Mapping[int, int]) -> list[str]:
 
 def _structure_2(block: Block, position: Mapping[int, int]) -> list[str]:
     def unknown(v: Variable) -> list[str]:
-        depends = None if v.depends is None else " ".join(str(position[r]) for r in sorted(v.depends))
-        return element("Unknown", {"index": position[v.reference + (v.whole << 20)], "dependencies": depends})
+        depends = (
+            None if v.depends is None else " ".join(str(position[r]) for r in sorted(v.depends))
+        )
+        return element(
+            "Unknown", {"index": position[v.reference + (v.whole << 20)], "dependencies": depends}
+        )
 
     inner = element("Outputs", {}, [line for v in block.of(OUTPUT, STATUS) for line in unknown(v)])
     if block.of(RATE):
@@ -143,7 +159,9 @@ def description_3(block: Block, token: str) -> str:
         "generationTool": f"flexgen {__version__}",
         "variableNamingConvention": "structured",
     }
-    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', *element("fmiModelDescription", root, inner), ""])
+    return "\n".join(
+        ['<?xml version="1.0" encoding="UTF-8"?>', *element("fmiModelDescription", root, inner), ""]
+    )
 
 
 def _variable_3(v: Variable) -> list[str]:
@@ -176,6 +194,8 @@ def build_description(block: Block, sources: Sequence[str]) -> str:
     files = [line for file in sources for line in element("SourceFile", {"name": file})]
     file_set = element("SourceFileSet", {"language": "C99"}, files)
     library = element("Library", {"name": "m"})
-    configuration = element("BuildConfiguration", {"modelIdentifier": block.name}, [*file_set, *library])
+    configuration = element(
+        "BuildConfiguration", {"modelIdentifier": block.name}, [*file_set, *library]
+    )
     root = element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration)
     return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', *root, ""])

@@ -32,13 +32,19 @@ BlockName = Literal["plant", "feedforward", "controller"]
 BLOCKS: tuple[BlockName, ...] = get_args(BlockName)
 _FOLDER = Path(__file__).parent
 _PREFIX = "flexgen_fmu_"  # of all files that are the same for every model, and of the configuration
-_FIXED = {"FMU_PLANT": "plant.h", "FMU_FEEDFORWARD": "feedforward.h", "FMU_CONTROLLER": "controller.h"}
+_FIXED = {
+    "FMU_PLANT": "plant.h",
+    "FMU_FEEDFORWARD": "feedforward.h",
+    "FMU_CONTROLLER": "controller.h",
+}
 _OF_BLOCK = {"method": "plant", "step": "plant", "controller": "controller", "sample_time": "controller",
              "look_ahead": "feedforward"}  # fmt: skip
 _INCLUDE = re.compile(r'\s*#\s*include "([^"]+)"')
 _MACRO = re.compile(r"^\s*#\s*define (\w+)", re.MULTILINE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
-_LICENSE = "flexgen: MIT. fmi2*.h and fmi3*.h: Modelica Association, 2-clause BSD, see these files.\n"
+_LICENSE = (
+    "flexgen: MIT. fmi2*.h and fmi3*.h: Modelica Association, 2-clause BSD, see these files.\n"
+)
 
 
 @checked_types
@@ -118,7 +124,13 @@ def export_fmu(
 
     Source: Functional Mock-up Interface for Model Exchange and Co-Simulation, 2.0.5 and 3.0.2, Modelica Association.
     """
-    given = dict(method=method, step=step, controller=controller, sample_time=sample_time, look_ahead=look_ahead)
+    given = dict(
+        method=method,
+        step=step,
+        controller=controller,
+        sample_time=sample_time,
+        look_ahead=look_ahead,
+    )
     _check(version, block, path, given)
     log = progress if callable(progress) else lambda line: None
     binaries = binaries_of(version, binary, platforms)
@@ -142,15 +154,23 @@ def _written(
     with atomic_file(target) as out:
         out.write(content)
     where = ", ".join(binary.platform for binary in binaries) or None
-    inside = "sources only" if where is None else f"{'binary' if len(binaries) == 1 else 'binaries'} for {where}"
+    inside = (
+        "sources only"
+        if where is None
+        else f"{'binary' if len(binaries) == 1 else 'binaries'} for {where}"
+    )
     text = f"FMI {version}, {block}, Model Exchange and Co-Simulation, {inside}"
-    details: dict[str, Any] = dict(block=block, version=version, token=token, binary=where, variables=made.variables)
+    details: dict[str, Any] = dict(
+        block=block, version=version, token=token, binary=where, variables=made.variables
+    )
     details["seconds"] = time.perf_counter() - began
     notes = left_out(robot) if block == "plant" else ()
     return exported(robot, "fmu", (target,), (text,), notes=notes, details=details)
 
 
-def _content(block: Block, version: str, binaries: Sequence[Binary], log: Callable[[str], None]) -> tuple[bytes, str]:
+def _content(
+    block: Block, version: str, binaries: Sequence[Binary], log: Callable[[str], None]
+) -> tuple[bytes, str]:
     """The file and its token."""
     texts, token = _texts(block, version)
     files = {name: text.encode() for name, text in texts.items()}
@@ -170,12 +190,16 @@ def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> Non
             raise ArgumentError(f"{name}: given {value!r}, expected one of {', '.join(expected)}")
     for name, of in _OF_BLOCK.items():
         if given[name] is not None and block != of:
-            raise ArgumentError(f"{name}: given one for the block {block!r}, expected it with block={of!r} only")
+            raise ArgumentError(
+                f"{name}: given one for the block {block!r}, expected it with block={of!r} only"
+            )
     for name in ("step", "sample_time", "look_ahead"):
         value = given[name]
         if value is not None and not (isinstance(value, int | float) and 1e-9 <= value <= 1e3):
             raise ArgumentError(f"{name}: given {value!r}, expected a time between 1e-9 and 1000 s")
-    if path is not None and not (isinstance(path, str | os.PathLike) and Path(path).suffix == ".fmu"):
+    if path is not None and not (
+        isinstance(path, str | os.PathLike) and Path(path).suffix == ".fmu"
+    ):
         shown = os.fspath(path) if isinstance(path, os.PathLike) else path
         raise ArgumentError(f"path: given {shown!r}, expected the path of a file that ends in .fmu")
 
@@ -191,7 +215,11 @@ def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:
         return feedforward(model, given["look_ahead"])
     from flexgen.exports.fmu.controller import controller as cascade
 
-    return cascade(model, given["controller"], SAMPLE_TIME if given["sample_time"] is None else given["sample_time"])
+    return cascade(
+        model,
+        given["controller"],
+        SAMPLE_TIME if given["sample_time"] is None else given["sample_time"],
+    )
 
 
 def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
@@ -201,16 +229,27 @@ def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
     own = [interface, *(_PREFIX + name for name in ("core.h", "warnings.h", _FIXED[block.macro]))]
     made_by = {"POSITION": "N_C", "MEMORY": FASTEST}
     parts = [part for part, name in made_by.items() if name in block.defines]
-    texts = {name: keep_parts((_FOLDER / "c" / name).read_text(encoding="ascii"), parts) for name in own}
+    texts = {
+        name: keep_parts((_FOLDER / "c" / name).read_text(encoding="ascii"), parts) for name in own
+    }
     texts |= {name: (_FOLDER / "standard" / name).read_text(encoding="ascii") for name in headers}
     _check_name(block, texts)
     top = f'#include "{_PREFIX}warnings.h"\n\n'
     texts |= {name: top * name.endswith(".c") + text for name, text in block.sources.items()}
 
     def describe(token: str) -> str:
-        return description_2(block, token, [SOURCE]) if version == "2.0" else description_3(block, token)
+        return (
+            description_2(block, token, [SOURCE])
+            if version == "2.0"
+            else description_3(block, token)
+        )
 
-    hashed = [__version__, describe(""), config(block, ""), *(f"{name}\n{texts[name]}" for name in sorted(texts))]
+    hashed = [
+        __version__,
+        describe(""),
+        config(block, ""),
+        *(f"{name}\n{texts[name]}" for name in sorted(texts)),
+    ]
     token = "{" + hashlib.sha256("\0".join(hashed).encode()).hexdigest() + "}"
     texts[f"{_PREFIX}config.h"] = config(block, token)
     files = {f"sources/{name}": texts[name] for name in headers}
@@ -243,7 +282,11 @@ def _merge(block: Block, texts: Mapping[str, str], interface: str, standard: set
 
     first = put_in(f"{_PREFIX}warnings.h") + put_in(interface)
     kept = set(_MACRO.findall(texts.get(block.header, "")))
-    macros = [name for name in dict.fromkeys(_MACRO.findall(first)) if name not in kept and not name.endswith("_H")]
+    macros = [
+        name
+        for name in dict.fromkeys(_MACRO.findall(first))
+        if name not in kept and not name.endswith("_H")
+    ]
     undefined = "".join(f"#undef {name}\n" for name in macros)
     model = "".join(put_in(name) for name in sorted(block.sources) if name.endswith(".c"))
     return f"{first}\n/* The model. */\n{undefined}\n{model}"
@@ -256,7 +299,9 @@ def _interface(version: str) -> str:
 def _check_name(block: Block, fixed: Mapping[str, str]) -> None:
     """Refuse a model whose files or names in C are those of the fixed files: BuildError."""
     taken = {file.lower(): file for file in fixed}
-    files = [file for file in block.sources if file.lower() in taken or file.lower().startswith(_PREFIX)]
+    files = [
+        file for file in block.sources if file.lower() in taken or file.lower().startswith(_PREFIX)
+    ]
     words = {word for text in fixed.values() for word in _WORD.findall(text)}
     stem = Path(block.header).stem
     header = _WORD.findall(block.sources.get(block.header, ""))

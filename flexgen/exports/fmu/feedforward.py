@@ -31,7 +31,11 @@ _FIGURES = (
         "1",
         "residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or m",
     ),
-    ("quality.output_step", "m", "distance by which the output leaves the plan before: the horizon is too short"),
+    (
+        "quality.output_step",
+        "m",
+        "distance by which the output leaves the plan before: the horizon is too short",
+    ),
     ("quality.output_turn", "rad", "the same of angles"),
 )
 
@@ -51,8 +55,13 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
         )
     equations = derive(model, ("payload",))
     offered = offered_functions(model)
-    spec = with_defaults(model, library_spec(equations, [x for x in INVERTING if x in offered], parts=(POSITION,)))
-    options, servo = spec.stream, None if spec.motor_constants is None else spec.motor_constants.servo
+    spec = with_defaults(
+        model, library_spec(equations, [x for x in INVERTING if x in offered], parts=(POSITION,))
+    )
+    options, servo = (
+        spec.stream,
+        None if spec.motor_constants is None else spec.motor_constants.servo,
+    )
     if options is None:
         raise ArgumentError(
             f"block 'feedforward': model {model.name} has no equilibrium at its home pose, or a singular one; expected "
@@ -63,14 +72,23 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
     spec = replace(
         spec,
         stream=options,
-        c_functions=tuple(f for f in spec.c_functions if f.file == "stream.c" or f.name == "servo_defaults"),
+        c_functions=tuple(
+            f for f in spec.c_functions if f.file == "stream.c" or f.name == "servo_defaults"
+        ),
     )
     texts = merge_files(spec.name, emit(spec, function_texts(spec)))
     held = hold_joints(derive(model), np.array(model.home))
     name, prefix = f"{library_name(model)}_feedforward", spec.name
-    sizes = {"N_A": model.n_a, "N_M": model.n_m, "N_OUT": model.output.size, "N_T": model.output.target_size}
+    sizes = {
+        "N_A": model.n_a,
+        "N_M": model.n_m,
+        "N_OUT": model.output.size,
+        "N_T": model.output.target_size,
+    }
     sizes |= {} if servo is None else {"N_C": model.n_g}
-    results = options.samples_per_interval * (2 * model.n_a + 3 * model.n_m + sizes.get("N_C", 0)) + len(_FIGURES)
+    results = options.samples_per_interval * (
+        2 * model.n_a + 3 * model.n_m + sizes.get("N_C", 0)
+    ) + len(_FIGURES)
     return Block(
         name=name,
         title=name,
@@ -105,7 +123,9 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
 def _with(options: StreamDefaults, look_ahead: float) -> StreamDefaults:
     """The options with another horizon."""
     intervals = round(look_ahead / options.period)
-    if not 1 <= intervals <= INTERVALS_MAX or not math.isclose(intervals * options.period, look_ahead, rel_tol=1e-6):
+    if not 1 <= intervals <= INTERVALS_MAX or not math.isclose(
+        intervals * options.period, look_ahead, rel_tol=1e-6
+    ):
         raise ArgumentError(
             f"look_ahead: given {look_ahead} s, expected 1 to {INTERVALS_MAX} times the period of {options.period:g} s"
         )
@@ -137,7 +157,11 @@ def home_output(model: RobotModel, equations: Equations, q_a: np.ndarray) -> np.
 
 
 def _variables(
-    model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults, servo: ServoTable | None
+    model: RobotModel,
+    equations: Equations,
+    held: Equilibrium,
+    options: StreamDefaults,
+    servo: ServoTable | None,
 ) -> list[Variable]:
     """All variables."""
     return [
@@ -150,20 +174,34 @@ def _variables(
     ]  # fmt: skip
 
 
-def _inputs(model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults) -> list[Variable]:
+def _inputs(
+    model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults
+) -> list[Variable]:
     n_y, n_t, unit = model.output.size, model.output.target_size, model.output.unit
     ahead = f"of the path, {options.look_ahead:g} s ahead"
     start = home_output(model, equations, held.q_a)
     pose = model.output.type == "tool_pose"
-    units = ["m"] * 3 + ["1"] * 9 if pose else [unit if model.output.type == "combination" else "m"] * n_t
+    units = (
+        ["m"] * 3 + ["1"] * 9
+        if pose
+        else [unit if model.output.type == "combination" else "m"] * n_t
+    )
     rates = ["m"] * 3 + ["rad"] * 3 if pose else units
     out = []
     for k in range(n_t):
         text = f"position {ahead}" if k < 3 or not pose else f"rotation matrix by columns {ahead}"
-        out.append(Variable(f"path.position[{k + 1}]", INPUT, k, units[k], text, float(start[k]), sampled=True))
+        out.append(
+            Variable(
+                f"path.position[{k + 1}]", INPUT, k, units[k], text, float(start[k]), sampled=True
+            )
+        )
     for k in range(n_y):
         text = f"velocity {ahead}"
-        out.append(Variable(f"path.velocity[{k + 1}]", INPUT, n_t + k, f"{rates[k]}/s", text, 0.0, sampled=True))
+        out.append(
+            Variable(
+                f"path.velocity[{k + 1}]", INPUT, n_t + k, f"{rates[k]}/s", text, 0.0, sampled=True
+            )
+        )
     for k in range(n_y):
         text = f"acceleration {ahead}"
         name = f"path.acceleration[{k + 1}]"
@@ -174,20 +212,44 @@ def _inputs(model: RobotModel, equations: Equations, held: Equilibrium, options:
 def _outputs(model: RobotModel, held: Equilibrium, servo: ServoTable | None) -> list[Variable]:
     rows: list[tuple[str, str, str, float]] = []
     for k, m in enumerate(model.motors):
-        rows.append((f"motor.{m.name}.torque", "N.m", "feedforward torque, motor side", held.tau_m[k]))
+        rows.append(
+            (f"motor.{m.name}.torque", "N.m", "feedforward torque, motor side", held.tau_m[k])
+        )
     for k, m in enumerate(model.motors):
-        rows.append((f"motor.{m.name}.reference_angle", "rad", "motor angle of the planned motion", held.q_m[k]))
+        rows.append(
+            (
+                f"motor.{m.name}.reference_angle",
+                "rad",
+                "motor angle of the planned motion",
+                held.q_m[k],
+            )
+        )
     rows += [(f"motor.{m.name}.reference_speed", "rad/s", "its speed", 0.0) for m in model.motors]
     for k, c in enumerate(model.coordinates):
-        rows.append((f"arm.{c.name}.reference_position", c.unit, "arm coordinate of the planned motion", held.q_a[k]))
-    rows += [(f"arm.{c.name}.reference_speed", f"{c.unit}/s", "its speed", 0.0) for c in model.coordinates]
+        rows.append(
+            (
+                f"arm.{c.name}.reference_position",
+                c.unit,
+                "arm coordinate of the planned motion",
+                held.q_a[k],
+            )
+        )
+    rows += [
+        (f"arm.{c.name}.reference_speed", f"{c.unit}/s", "its speed", 0.0)
+        for c in model.coordinates
+    ]
     rows += [(name, unit, text, 0.0) for name, unit, text in _FIGURES]
     if servo is not None:
         gains = (servo.position_gain, servo.speed_gain, servo.integral_gain)
-        offset = [0.0 if k_i > 0 else tau / (k_p * k_v) for tau, k_p, k_v, k_i in zip(held.tau_m, *gains, strict=True)]
+        offset = [
+            0.0 if k_i > 0 else tau / (k_p * k_v)
+            for tau, k_p, k_v, k_i in zip(held.tau_m, *gains, strict=True)
+        ]
         start = np.linalg.solve(model.eta, held.q_m + offset)
         for k, c in enumerate(model.coordinates[i] for i in model.i_g):
-            rows.append((f"arm.{c.name}.command", c.unit, "position to send to the servo", start[k]))
+            rows.append(
+                (f"arm.{c.name}.command", c.unit, "position to send to the servo", start[k])
+            )
     return [
         Variable(name, OUTPUT, k, unit, text, float(start), sampled=True, depends=())
         for k, (name, unit, text, start) in enumerate(rows)

@@ -22,7 +22,16 @@ from flexgen.codegen.routines import expand, mathematics_of
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_name, library_spec
 from flexgen.exports.fmu.block import FASTEST, Block, time_variable
 from flexgen.exports.fmu.plant_memory import memory_variables, plant_memory
-from flexgen.exports.fmu.variables import INPUT, OUTPUT, PARAMETER, RATE, SETTING, STATE, Variable, array
+from flexgen.exports.fmu.variables import (
+    INPUT,
+    OUTPUT,
+    PARAMETER,
+    RATE,
+    SETTING,
+    STATE,
+    Variable,
+    array,
+)
 from flexgen.expressions.routine import Block as Part
 from flexgen.expressions.routine import Expressions, Routine, Solve, profile
 from flexgen.library.stream_defaults import PERIOD
@@ -34,7 +43,8 @@ from flexgen.spec.ports import Port
 
 METHODS = {"rk4": 1, "sdirk4": 2}  # numbers of flexgen_fmu_plant.h
 PAYLOAD = ("payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
-STEPS_PER_TIME_CONSTANT = 20  # of the fastest pole, by default: within the stability of Runge-Kutta by a factor of 50
+# of the fastest pole, by default: within the stability of Runge-Kutta by a factor of 50
+STEPS_PER_TIME_CONSTANT = 20
 STEP_MAX = 1e-3  # s
 
 
@@ -73,7 +83,10 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
     name = library_name(model)
     variables = _variables(equations, graphs, start, held, method, step)
     names = [v.name for v in variables if v.kind == PARAMETER]
-    calls |= {"P_STEP": str(names.index("integration.step")), "P_MASS": str(names.index("payload.mass"))}
+    calls |= {
+        "P_STEP": str(names.index("integration.step")),
+        "P_MASS": str(names.index("payload.mass")),
+    }
     return Block(
         name=name,
         title=name,
@@ -109,7 +122,14 @@ def _graphs(equations: Equations) -> _Graphs:
     for k, j in enumerate(i_m):
         q_m[j], v_m[j] = x[n_a + k], x[n + n_a + k]
     f_tool = u[model.n_m :]
-    values = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": u[: model.n_m], "f_tool": f_tool}
+    values = {
+        "q_a": q_a,
+        "v_a": v_a,
+        "q_m": q_m,
+        "v_m": v_m,
+        "tau_m": u[: model.n_m],
+        "f_tool": f_tool,
+    }
     values |= {"parameters": p, "memory": x[2 * n :]}
 
     def call(name: str, more: Mapping[str, Any] | None = None) -> list[ca.SX]:
@@ -126,7 +146,11 @@ def _graphs(equations: Equations) -> _Graphs:
         fastest = ca.Function("plant_fastest", [x], [bound], ["state"], ["fastest"])
     a_me = ca.vertcat(ca.SX(0, 1), *[a_m[j] for j in i_m])
     rate = ca.Function(
-        "plant_rate", inputs, [ca.densify(ca.vertcat(x[n : 2 * n], a_a, a_me, z_rates))], names, ["rate"]
+        "plant_rate",
+        inputs,
+        [ca.densify(ca.vertcat(x[n : 2 * n], a_a, a_me, z_rates))],
+        names,
+        ["rate"],
     )
     accelerations = ca.Function("plant_accelerations", inputs, [a_a, a_m], names, ["a_a", "a_m"])
     s_a, s_m = ca.SX.sym("a_a", n_a), ca.SX.sym("a_m", model.n_m)
@@ -152,7 +176,9 @@ def _graphs(equations: Equations) -> _Graphs:
     return _Graphs(rate, accelerations, jacobians, output, C, fastest)
 
 
-def _output(model: RobotModel, called: Any, q_m: ca.SX, v_m: ca.SX, q_g: ca.SX, q_a: ca.SX, v_tool: ca.SX) -> ca.SX:
+def _output(
+    model: RobotModel, called: Any, q_m: ca.SX, v_m: ca.SX, q_g: ca.SX, q_a: ca.SX, v_tool: ca.SX
+) -> ca.SX:
     """Motor angles and speeds, tool position, rotation by rows and velocity, deflections of all arm coordinates."""
     p, R = called("forward_kinematics")
     gear = ca.mtimes(ca.SX(ca.DM(np.linalg.inv(model.eta))), q_m) - q_g
@@ -174,8 +200,12 @@ def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[s
     text = f"q_a, q_m, v_a, v_m; of the motors those behind elastic gears{behind}"
     ports = {
         "state": Port("state", (n_x,), "mixed", text),
-        "input": Port("input", (n_u,), "mixed", "motor torques [N m], force [N] and torque [N m] on the tool"),
-        "parameters": Port("parameters", (len(equations.parameters),), "mixed", "payload, listed at the top"),
+        "input": Port(
+            "input", (n_u,), "mixed", "motor torques [N m], force [N] and torque [N m] on the tool"
+        ),
+        "parameters": Port(
+            "parameters", (len(equations.parameters),), "mixed", "payload, listed at the top"
+        ),
         "rate": Port("rate", (n_x,), "mixed", "time derivative of the state"),
         "A": Port("A", (n_x, n_x), "mixed", "d rate/d state"),
         "B": Port("B", (n_x, n_u), "mixed", "d rate/d input"),
@@ -185,7 +215,9 @@ def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[s
     }
     parts = (Part("A", n, 0, n_x), Part("B", n, n_x, n_u))
     ones = tuple(("A", i, n + i) for i in range(n))
-    solve = Solve("M_y", "R_y", rows, n_x + n_u, False, profile(graphs.jacobians, "M_y"), parts, ones)
+    solve = Solve(
+        "M_y", "R_y", rows, n_x + n_u, False, profile(graphs.jacobians, "M_y"), parts, ones
+    )
     steps = (Expressions(graphs.accelerations, pivots=True), Expressions(graphs.jacobians), solve)
     table = [
         ("plant_rate", "Right-hand side of the equations of motion.", "dx/dt = f(x, u)", "state input parameters",
@@ -198,7 +230,16 @@ def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[s
     ]  # fmt: skip
     if graphs.fastest is not None:
         summary = "Largest rate at which torques of hysteresis and bristles fade."
-        table.append(("plant_fastest", summary, "", "state", "fastest", Routine((Expressions(graphs.fastest),))))
+        table.append(
+            (
+                "plant_fastest",
+                summary,
+                "",
+                "state",
+                "fastest",
+                Routine((Expressions(graphs.fastest),)),
+            )
+        )
     functions = []
     for name, summary, equation, given, got, routine in table:
         ins, outs = (tuple(ports[word] for word in words.split()) for words in (given, got))
@@ -256,7 +297,12 @@ def _default_step(graphs: _Graphs, equations: Equations, x: np.ndarray, held: Eq
 
 
 def _variables(
-    equations: Equations, graphs: _Graphs, x: np.ndarray, held: Equilibrium, method: str, step: float
+    equations: Equations,
+    graphs: _Graphs,
+    x: np.ndarray,
+    held: Equilibrium,
+    method: str,
+    step: float,
 ) -> list[Variable]:
     """All variables of the block."""
     model = equations.model
@@ -294,7 +340,9 @@ def _inputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
     axes = [f"on the tool at its origin, world axis {axis}" for axis in "xyz"]
     zero = [0.0, 0.0, 0.0]
     force = array("tool.force", INPUT, model.n_m, "N", [f"force {text}" for text in axes], zero)
-    torque = array("tool.torque", INPUT, model.n_m + 3, "N.m", [f"torque {text}" for text in axes], zero)
+    torque = array(
+        "tool.torque", INPUT, model.n_m + 3, "N.m", [f"torque {text}" for text in axes], zero
+    )
     return [*torques, *force, *torque]
 
 
@@ -304,20 +352,42 @@ def _outputs(model: RobotModel, graphs: _Graphs) -> list[Variable]:
     names += [(f"motor.{m.name}.angle", "rad", "motor angle, motor side") for m in model.motors]
     names += [(f"motor.{m.name}.speed", "rad/s", "motor speed, motor side") for m in model.motors]
     names += [
-        (f"tool.position[{i + 1}]", "m", f"position of the tool, world axis {axis}") for i, axis in enumerate("xyz")
+        (f"tool.position[{i + 1}]", "m", f"position of the tool, world axis {axis}")
+        for i, axis in enumerate("xyz")
     ]
     names += [
-        (f"tool.rotation[{i},{j}]", "1", "rotation matrix; its columns are the axes of the tool in the world")
+        (
+            f"tool.rotation[{i},{j}]",
+            "1",
+            "rotation matrix; its columns are the axes of the tool in the world",
+        )
         for i in (1, 2, 3)
         for j in (1, 2, 3)
     ]
-    names += [(f"tool.velocity[{i + 1}]", "m/s", f"of the tool's origin, world axis {a}") for i, a in enumerate("xyz")]
-    names += [(f"tool.angular_velocity[{i + 1}]", "rad/s", f"of the tool, world axis {a}") for i, a in enumerate("xyz")]
+    names += [
+        (f"tool.velocity[{i + 1}]", "m/s", f"of the tool's origin, world axis {a}")
+        for i, a in enumerate("xyz")
+    ]
+    names += [
+        (f"tool.angular_velocity[{i + 1}]", "rad/s", f"of the tool, world axis {a}")
+        for i, a in enumerate("xyz")
+    ]
     for c in model.coordinates:
-        text = "deflection of the gear, arm side: motor angle / ratio - joint" if c.actuated else "elastic deflection"
+        text = (
+            "deflection of the gear, arm side: motor angle / ratio - joint"
+            if c.actuated
+            else "elastic deflection"
+        )
         names.append((f"deflection.{c.name}", c.unit, text))
     return [
-        Variable(name, OUTPUT, k, unit, text, depends=tuple(1000 * STATE + int(i) for i in np.flatnonzero(rows[k])))
+        Variable(
+            name,
+            OUTPUT,
+            k,
+            unit,
+            text,
+            depends=tuple(1000 * STATE + int(i) for i in np.flatnonzero(rows[k])),
+        )
         for k, (name, unit, text) in enumerate(names)
     ]
 
@@ -330,7 +400,10 @@ def _pattern(function: ca.Function, argument: int) -> np.ndarray:
 
 def _states(model: RobotModel, graphs: _Graphs, x: np.ndarray) -> list[Variable]:
     """States and their derivatives."""
-    half = [(f"arm.{c.name}", "position", c.unit, f"of the arm coordinate {c.name}", 1.0) for c in model.coordinates]
+    half = [
+        (f"arm.{c.name}", "position", c.unit, f"of the arm coordinate {c.name}", 1.0)
+        for c in model.coordinates
+    ]
     half += [
         (f"rotor.{model.motors[j].name}", "angle", "rad", "of the rotor behind an elastic gear, motor side",
          float(np.abs(model.eta[j]).max()))
@@ -339,9 +412,17 @@ def _states(model: RobotModel, graphs: _Graphs, x: np.ndarray) -> list[Variable]
     n = len(half)
     out = []
     for k, (name, what, unit, text, nominal) in enumerate(half):
-        out.append(Variable(f"{name}.{what}", STATE, k, unit, f"{what} {text}", float(x[k]), nominal=nominal))
+        out.append(
+            Variable(
+                f"{name}.{what}", STATE, k, unit, f"{what} {text}", float(x[k]), nominal=nominal
+            )
+        )
     for k, (name, _, unit, text, nominal) in enumerate(half):
-        out.append(Variable(f"{name}.speed", STATE, n + k, f"{unit}/s", f"speed {text}", 0.0, nominal=nominal))
+        out.append(
+            Variable(
+                f"{name}.speed", STATE, n + k, f"{unit}/s", f"speed {text}", 0.0, nominal=nominal
+            )
+        )
     out += memory_variables(model, 2 * n)
     by_state, by_input = _pattern(graphs.rate, 0), _pattern(graphs.rate, 1)
     for k, state in enumerate(out[:]):

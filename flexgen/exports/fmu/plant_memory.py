@@ -16,7 +16,12 @@ from flexgen.memory.hysteresis import gear_layers
 from flexgen.memory.lugre import motor_bristles
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
-from flexgen.simulation.hysteretic_rate import deflection_rates, memory_of, motor_speeds, slip_torques
+from flexgen.simulation.hysteretic_rate import (
+    deflection_rates,
+    memory_of,
+    motor_speeds,
+    slip_torques,
+)
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,9 @@ def plant_memory(equations: Equations) -> PlantMemory | None:
     given = [lag.chain.q_a, lag.chain.v_a, lag.q_m, lag.v_m, z]
     fastest = ca.mmax(ca.vertcat(*fading))
     results = [ca.densify(x) for x in (rates[kept.tolist()], fastest, ca.jacobian(forces, z))]
-    return PlantMemory(with_forces(equations, forces, z), ca.Function("memory", given, results), len(kept))
+    return PlantMemory(
+        with_forces(equations, forces, z), ca.Function("memory", given, results), len(kept)
+    )
 
 
 def memory_variables(model: RobotModel, first: int) -> list[Variable]:
@@ -66,7 +73,9 @@ def memory_variables(model: RobotModel, first: int) -> list[Variable]:
             count = sum(each.present[gear] for each in layers)
             name = f"gear.{coordinate.name}.hysteresis{f'[{k + 1}]' if count > 1 else ''}"
             unit = "N.m" if coordinate.unit == "rad" else "N"
-            rows.append((name, unit, "torque of an element of hysteresis, arm side", layer.slip[gear]))
+            rows.append(
+                (name, unit, "torque of an element of hysteresis, arm side", layer.slip[gear])
+            )
     law = motor_bristles(model)
     for j in np.flatnonzero(law.present):
         text = "stiffness times deflection of the bristles, motor side"

@@ -107,6 +107,11 @@ class Variable:
         return "calculated" if self.start is None else "exact"
 
 
-def array(name: str, kind: int, first: int, unit: str, texts: Sequence[str], starts: Sequence[float]) -> list[Variable]:
+def array(
+    name: str, kind: int, first: int, unit: str, texts: Sequence[str], starts: Sequence[float]
+) -> list[Variable]:
     """Variables ``name[1]``, ``name[2]`` ... with indices from ``first``."""
-    return [Variable(f"{name}[{k + 1}]", kind, first + k, unit, text, float(starts[k])) for k, text in enumerate(texts)]
+    return [
+        Variable(f"{name}[{k + 1}]", kind, first + k, unit, text, float(starts[k]))
+        for k, text in enumerate(texts)
+    ]

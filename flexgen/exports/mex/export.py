@@ -29,7 +29,9 @@ KEYWORDS = frozenset(
 
 
 @checked_types(own=("model", "directory"))
-def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None, *, force: bool = False) -> Exported:
+def export_mex(
+    model: ModelLike, directory: str | os.PathLike[str] | None = None, *, force: bool = False
+) -> Exported:
     """Write the emitted library as a package of functions for MATLAB and GNU Octave.
 
     ``addpath(folder); build_<name>`` compiles it. Then ``<name>.inverse_dynamics(q_a, v_a, a_a)`` and all other
@@ -75,7 +77,11 @@ def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None
     if library.streams:
         texts |= {
             f"+{name}/{file}.m": template(PACKAGE, f"{source}.template.m", name, words)
-            for file, source in (("invert", "invert"), ("Stream", "stream"), ("options_", "options"))
+            for file, source in (
+                ("invert", "invert"),
+                ("Stream", "stream"),
+                ("options_", "options"),
+            )
         }
     return library.write("mex", directory, texts, force=force)
 
@@ -86,7 +92,10 @@ def _words(library: Emitted) -> dict[str, str]:
     return {
         "NAME": library.name,
         "NAMECAPITAL": library.name.upper(),
-        **{key: str(sizes.get(f"n_{key[1].lower()}", 0)) for key in ("NA", "NE", "NG", "NM", "NT", "NY")},
+        **{
+            key: str(sizes.get(f"n_{key[1].lower()}", 0))
+            for key in ("NA", "NE", "NG", "NM", "NT", "NY")
+        },
         "TOLERANCE": repr(TOLERANCES["double"]),
         "PERIOD": repr(options.period if options else 5e-3),
         "INTERVALS": str(options.intervals if options else 10),
@@ -116,7 +125,12 @@ def _function(name: str, f: Mapping[str, Any]) -> str:
 
 def _wrap(text: str, first: str, rest: str) -> list[str]:
     return textwrap.wrap(
-        text, WIDTH, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False, drop_whitespace=True
+        text,
+        WIDTH,
+        initial_indent=first,
+        subsequent_indent=rest,
+        break_on_hyphens=False,
+        drop_whitespace=True,
     )
 
 
@@ -129,7 +143,9 @@ def _table(library: Emitted) -> str:
         sizes = ", ".join(str(p["shape"][0]) for p in inputs)
         heights = ", ".join(str(p["shape"][0]) for p in outputs)
         widths = ", ".join(str(p["shape"][1]) if len(p["shape"]) == 2 else "0" for p in outputs)
-        arguments = [f"in[{i}]" for i in range(len(inputs))] + [f"out[{i}]" for i in range(len(outputs))]
+        arguments = [f"in[{i}]" for i in range(len(inputs))] + [
+            f"out[{i}]" for i in range(len(outputs))
+        ]
         arguments += ["work"] if f["work"] else []
         own = f["name"]
         text += f"""\
@@ -146,7 +162,9 @@ static {name}_status call_{own}(const double *const *in, double *const *out, dou
             f"    {{{quote(own)}, {len(inputs)}, {len(outputs)}, {own}_in, {own}_size, {own}_rows, {own}_columns, "
             f"call_{own}}},\n"
         )
-    statuses = "".join(f"    {{{s['code']}, {quote(s['name'])}}},\n" for s in library.manifest["statuses"])
+    statuses = "".join(
+        f"    {{{s['code']}, {quote(s['name'])}}},\n" for s in library.manifest["statuses"]
+    )
     head = comment(f"{name}: functions of one point. Written by flexgen; included by {name}_mex.c.")
     return (
         f"/*\n{head} */\n{text}static const point_function POINT_FUNCTIONS[] = {{\n{''.join(rows)}}};\n\n"

@@ -52,7 +52,10 @@ _RESULT = (
     Variable("valid", "BOOL", 0, "the outputs are those of this call"),
     Variable("error", "BOOL", 0, "the call failed; the other outputs are those before"),
     Variable(
-        "status", "DINT", 0, "0: success, negative: failed, positive: with a warning; see the header of the library"
+        "status",
+        "DINT",
+        0,
+        "0: success, negative: failed, positive: with a warning; see the header of the library",
     ),
 )
 
@@ -65,7 +68,9 @@ def blocks(library: Emitted, stream: bool) -> tuple[Block, ...]:
              (*function["inputs"], *function["outputs"])}  # fmt: skip
     inputs = tuple(ports[p["name"]] for p in function["inputs"])
     outputs = tuple(ports[p["name"]] for p in function["outputs"])
-    dynamics = Block(f"{prefix}_inverse_dynamics", function["summary"], inputs, (*outputs, *_RESULT), ())
+    dynamics = Block(
+        f"{prefix}_inverse_dynamics", function["summary"], inputs, (*outputs, *_RESULT), ()
+    )
     return (dynamics, _stream(library, prefix)) if stream else (dynamics,)
 
 
@@ -80,18 +85,34 @@ def _stream(library: Emitted, prefix: str) -> Block:
     n = sizes["n_m"] * options.samples_per_interval
     inputs = (
         Variable(
-            "enable", "BOOL", 0, "FALSE: the stream is not active; it starts at start_output when it becomes TRUE"
+            "enable",
+            "BOOL",
+            0,
+            "FALSE: the stream is not active; it starts at start_output when it becomes TRUE",
         ),
-        Variable("start_output", "LREAL", sizes["n_t"], "the output at which the robot rests when the stream starts"),
+        Variable(
+            "start_output",
+            "LREAL",
+            sizes["n_t"],
+            "the output at which the robot rests when the stream starts",
+        ),
         Variable("q_start", "LREAL", sizes["n_a"], "initial guess of the equilibrium there"),
         Variable(
-            "y", "LREAL", sizes["n_t"], "output at the end of the horizon; of a pose position, then matrix by columns"
+            "y",
+            "LREAL",
+            sizes["n_t"],
+            "output at the end of the horizon; of a pose position, then matrix by columns",
         ),
         Variable("dy", "LREAL", sizes["n_y"], "its first time derivative"),
         Variable("ddy", "LREAL", sizes["n_y"], "its second time derivative"),
     )
     results = (
-        Variable("tau_m", "LREAL", n, "[N m] motor torques of the interval that begins now, sample after sample"),
+        Variable(
+            "tau_m",
+            "LREAL",
+            n,
+            "[N m] motor torques of the interval that begins now, sample after sample",
+        ),
         Variable("q_m", "LREAL", n, "[rad] motor angles"),
         Variable("v_m", "LREAL", n, "[rad/s] motor speeds"),
     )

@@ -19,7 +19,11 @@ PACKAGE = "flexgen.exports.plcopen"
 
 @checked_types(own=("model", "directory"))
 def export_plcopen(
-    model: ModelLike, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
+    model: ModelLike,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    stream: bool = True,
+    force: bool = False,
 ) -> Exported:
     """Write function blocks for a PLC: inverse dynamics of the arm, and a stream.
 

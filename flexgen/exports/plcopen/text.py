@@ -48,7 +48,9 @@ def _comment(text: str, indent: str) -> str:
 def xml(name: str, blocks: Sequence[Block]) -> str:
     """A project of PLCopen TC6 2.01 with the function blocks."""
     pous = "".join(_pou(block) for block in blocks)
-    scaling = "".join(f'      <{kind}><scaling x="1" y="1"/></{kind}>\n' for kind in ("fbd", "ld", "sfc"))
+    scaling = "".join(
+        f'      <{kind}><scaling x="1" y="1"/></{kind}>\n' for kind in ("fbd", "ld", "sfc")
+    )
     return f"""\
 <?xml version="1.0" encoding="utf-8"?>
 <project xmlns="http://www.plcopen.org/xml/tc6_0201" xmlns:xhtml="http://www.w3.org/1999/xhtml">

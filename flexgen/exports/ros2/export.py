@@ -36,7 +36,15 @@ _EMAIL = re.compile(r"[A-Za-z0-9._%+-]+@[A-Za-z0-9.-]+\Z")
 _ROS = ("controller_interface", "hardware_interface", "rclcpp_lifecycle", "std_msgs")
 _RESERVED = CPP_KEYWORDS | {"linux", "std", "unix"}  # linux and unix are macros of some compilers
 _NEEDED = frozenset(
-    {*_ROS, "controller_manager", "geometry_msgs", "eigen", "inverse_dynamics_interface", "pluginlib", "rclcpp"}
+    {
+        *_ROS,
+        "controller_manager",
+        "geometry_msgs",
+        "eigen",
+        "inverse_dynamics_interface",
+        "pluginlib",
+        "rclcpp",
+    }
 )
 
 
@@ -97,7 +105,9 @@ def export_ros2(
     exports/flexgen_elbow
     """
     if set(parts) - set(PARTS) or (parts and not controller):
-        raise ArgumentError(f"parts: given {', '.join(parts)}, expected some of {', '.join(PARTS)}, and a controller")
+        raise ArgumentError(
+            f"parts: given {', '.join(parts)}, expected some of {', '.join(PARTS)}, and a controller"
+        )
     positions = "position" in parts
     library = emit(model, streams=controller, parts=tuple(dict.fromkeys(parts)))
     name = library.name
@@ -107,9 +117,13 @@ def export_ros2(
     if gains == "proposed":
         gains = propose_gains(library.equations) if controller and not positions else None
     if gains and positions:
-        raise ArgumentError("gains: given with positions, expected none; the robot has its own servos")
+        raise ArgumentError(
+            "gains: given with positions, expected none; the robot has its own servos"
+        )
     if gains and not controller:
-        raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
+        raise ArgumentError(
+            "gains: given without a controller, expected none; they are parameters of the controller"
+        )
     words = _words(library, chosen, controller, gains or None, parts)
     words |= {
         "VERSION": __version__,
@@ -121,7 +135,11 @@ def export_ros2(
     }
     notes = (OPEN_GAINS,) * (controller and not gains and not positions)
     texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
-    sections = (*parts, *["limited"] * ("limits" in parts), *["load"] * bool(loaded_motors(library.model)))
+    sections = (
+        *parts,
+        *["limited"] * ("limits" in parts),
+        *["load"] * bool(loaded_motors(library.model)),
+    )
     for file, path in _files(chosen, controller, parts).items():
         texts[path] = _render(file, chosen, name, words, sections)
     return library.write("ros2", directory, texts, force=force, default=chosen, notes=notes)
@@ -164,12 +182,19 @@ def _files(package: str, controller: bool, parts: Sequence[str]) -> dict[str, st
             "stream_controller.cpp": "src/stream_controller.cpp",
         }
         own = "position_window.hpp" if "position" in parts else "cascade.hpp"
-        headers = (own, "sample_queue.hpp", "stream_controller.hpp", *["force_ramp.hpp"] * ("force" in parts))
+        headers = (
+            own,
+            "sample_queue.hpp",
+            "stream_controller.hpp",
+            *["force_ramp.hpp"] * ("force" in parts),
+        )
         files |= {header: f"include/{package}/{header}" for header in headers}
     return files
 
 
-def _render(file: str, package: str, name: str, words: Mapping[str, str], parts: Sequence[str] = ()) -> str:
+def _render(
+    file: str, package: str, name: str, words: Mapping[str, str], parts: Sequence[str] = ()
+) -> str:
     """A template with the names of the library, of the package and of its namespace.
 
     The namespace begins with flexgen_, so that a package may be called as a function of C, such as div or signal.
@@ -228,7 +253,10 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
         stream += f"inline constexpr int SAMPLES_PER_INTERVAL = {samples}; // as of the servo\n"
     return words | {
         "STREAM": stream,
-        "DEPENDS": "".join(f"  <depend>{name}</depend>\n" for name in (*_ROS, *["geometry_msgs"] * ("force" in parts)))
+        "DEPENDS": "".join(
+            f"  <depend>{name}</depend>\n"
+            for name in (*_ROS, *["geometry_msgs"] * ("force" in parts))
+        )
         + "  <exec_depend>controller_manager</exec_depend>\n",
         "CONTROLLER": _render("controller.cmake", package, library.name, {}, parts),
         "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of ros2_control; its "
@@ -240,7 +268,9 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
         "GAINS": _gains_text(gains, n),
         "TORQUE_MAX": numbers(largest),
         "LIMITS": "\n".join(
-            f"      {key}: {numbers(x) if key in OF_TOOL else f'[{numbers(x)}]'}" for key, x in limits.items() if len(x)
+            f"      {key}: {numbers(x) if key in OF_TOOL else f'[{numbers(x)}]'}"
+            for key, x in limits.items()
+            if len(x)
         ),
         "START_OUTPUT": numbers(start),
         "START_TOLERANCE": repr(tolerance),
@@ -256,7 +286,9 @@ def _limits(model: RobotModel) -> dict[str, np.ndarray]:
     out = {member: np.zeros(sizes[size]) for member, size in SIZES.items()}
     out |= {member: np.zeros(1) for member in OF_TOOL}
     given = limits_of_model(model).for_library(model)
-    curves = limit_members("limits", {"torque_speed": given.pop("torque_speed", None)}, sizes, np.dtype(float))
+    curves = limit_members(
+        "limits", {"torque_speed": given.pop("torque_speed", None)}, sizes, np.dtype(float)
+    )
     for member, x in given.items():
         out[member] = np.where(np.isfinite(x), x, 0.0).reshape(-1)
     return out | {"torque_speed": curves.get("torque_speed", np.zeros(0)).reshape(-1)}
@@ -277,7 +309,9 @@ def _servo_samples(model: RobotModel, period: float) -> int:
 def _wrench_rows(model: RobotModel) -> str:
     """Components of the output among those of a force and a torque on the tool."""
     if model.output.type == "combination":
-        raise ArgumentError(f"parts: given force for {model.name}, whose output is none of the tool, expected no parts")
+        raise ArgumentError(
+            f"parts: given force for {model.name}, whose output is none of the tool, expected no parts"
+        )
     axes = model.output.axes if model.output.type == "tool_position" else "xyzabc"
     return ", ".join(str("xyzabc".index(axis)) for axis in axes)
 
@@ -297,15 +331,24 @@ def _gains_text(gains: Cascade | None, n: int) -> str:
     """The lines of the gains: comments where there are none."""
     units = {"position_gain": "[1/s]", "speed_gain": "[N m s/rad]", "integral_gain": "[1/s]"}
     if gains is None:
-        lines = [f"    # {key}: [{', '.join(['...'] * n)}]  # {unit}\n" for key, unit in units.items()]
-        return "    # P-PI control; the controller refuses to start until these are set.\n" + "".join(lines)
+        lines = [
+            f"    # {key}: [{', '.join(['...'] * n)}]  # {unit}\n" for key, unit in units.items()
+        ]
+        return (
+            "    # P-PI control; the controller refuses to start until these are set.\n"
+            + "".join(lines)
+        )
     if not isinstance(gains, Cascade) or len(gains.filters) > 0:
-        raise ArgumentError(f"gains: given {type(gains).__name__}, expected a Cascade without filters")
+        raise ArgumentError(
+            f"gains: given {type(gains).__name__}, expected a Cascade without filters"
+        )
     text = "    # P-PI control.\n"
     for key, unit in units.items():
         x = np.asarray(getattr(gains, key), dtype=float)
         if x.shape != (n,) or not np.isfinite(x).all() or (x < 0).any():
-            raise ArgumentError(f"gains, {key}: given {x}, expected {n} numbers >= 0, one for each motor")
+            raise ArgumentError(
+                f"gains, {key}: given {x}, expected {n} numbers >= 0, one for each motor"
+            )
         text += f"    {key}: [{numbers(x)}]  # {unit}\n"
     return text
 

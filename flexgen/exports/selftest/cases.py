@@ -12,7 +12,9 @@ from flexgen.exports.emitted import Emitted, StreamOptions
 from flexgen.exports.selftest.golden import POINTS, Rest
 from flexgen.exports.selftest.motion import Motion
 
-DIGITS = 14  # of the expected results: the last bits depend on the mathematics library of the computer that exports
+# of the expected results: the last bits depend on the mathematics library of the computer that
+# exports
+DIGITS = 14
 # Largest errors and the part of the largest entry that an entry counts at least. Double: an error of 1e-9 is a wrong
 # formula or a wrong argument, rounding is below 1e-11. Single: deflections of stiff gears are differences of large
 # angles, whose rounding the stiffness multiplies.
@@ -44,7 +46,9 @@ def cases(
     functions, end = library.functions, "f" if precision == "single" else ""
     used = [x for x in given if any(p["name"] == x for f in functions for p in f["inputs"])]
     tables = "".join(_table(f"given_{x}", given[x], f"const {name}_real", 9, end) for x in used)
-    tables += "".join(_table(f"expected_{key.replace('.', '_')}", results[key], "const double") for key in results)
+    tables += "".join(
+        _table(f"expected_{key.replace('.', '_')}", results[key], "const double") for key in results
+    )
     text = f"""\
 {_head(name)}
 {tables}
@@ -56,9 +60,15 @@ static void selftest_points(selftest_result *result)
 
 """
     options = library.stream
-    text += _at_rest(name, options, rest, REST_LIMITS[precision], end) if rest and options else _empty("at_rest")
+    text += (
+        _at_rest(name, options, rest, REST_LIMITS[precision], end)
+        if rest and options
+        else _empty("at_rest")
+    )
     text += "\n"
-    text += _in_motion(name, motion, STREAM_LIMITS[precision], end) if motion else _empty("in_motion")
+    text += (
+        _in_motion(name, motion, STREAM_LIMITS[precision], end) if motion else _empty("in_motion")
+    )
     return text
 
 
@@ -100,7 +110,11 @@ def _call(name: str, function: Mapping[str, Any], tolerance: float, part: float)
     sizes = {port["name"]: int(np.prod(port["shape"])) for port in ports}
     lines = [f"{name}_real {port}[{size}];" for port, size in sizes.items()]
     lines += [f"static {name}_real work[{name.upper()}_WORK];"] * bool(function["work"])
-    words = [f"given_{port['name']}[k]" for port in function["inputs"]] + list(sizes) + ["work"] * function["work"]
+    words = (
+        [f"given_{port['name']}[k]" for port in function["inputs"]]
+        + list(sizes)
+        + ["work"] * function["work"]
+    )
     lines += [f'check_status(result, "{f}", {name}_{f}({", ".join(words)}));']
     lines += [
         f'compare(result, "{f}.{port}", {port}, expected_{f}_{port}[k], {size}, {tolerance!r}, {part!r});'
@@ -115,7 +129,9 @@ def _empty(what: str) -> str:
 
 
 def _options(name: str, options: StreamOptions, end: str) -> str:
-    counts = f".intervals = {options.intervals}, .samples_per_interval = {options.samples_per_interval}"
+    counts = (
+        f".intervals = {options.intervals}, .samples_per_interval = {options.samples_per_interval}"
+    )
     numbers = f".period = {options.period!r}{end}, .tolerance = {options.tolerance!r}{end}"
     return f"const {name}_stream_options options = {{{counts}, {numbers}}};"
 
@@ -140,7 +156,9 @@ def _at_rest(name: str, options: StreamOptions, rest: Rest, tolerance: float, en
     tables = _table("rest_y", rest.y, f"const {name}_real", 17, end) + _table(
         "rest_q_a", rest.q_a, f"const {name}_real", 17, end
     )
-    tables += _table("rest_q_m", rest.q_m, "const double") + _table("rest_tau_m", rest.tau_m, "const double")
+    tables += _table("rest_q_m", rest.q_m, "const double") + _table(
+        "rest_tau_m", rest.tau_m, "const double"
+    )
     return f"""\
 {tables}
 static void selftest_at_rest(selftest_result *result)

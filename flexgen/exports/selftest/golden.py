@@ -30,7 +30,9 @@ class Rest:
     tau_m: np.ndarray
 
 
-def states(equations: Equations, precision: str, functions: Sequence[Mapping[str, Any]] = ()) -> dict[str, np.ndarray]:
+def states(
+    equations: Equations, precision: str, functions: Sequence[Mapping[str, Any]] = ()
+) -> dict[str, np.ndarray]:
     """Inputs of all ``functions`` at `POINTS` states, (POINTS, size) each, exact in the precision of the library.
 
     Gears are deflected by some mrad, coordinates without motor by up to 0.1, motors move with their joints. The numbers
@@ -41,7 +43,9 @@ def states(equations: Equations, precision: str, functions: Sequence[Mapping[str
     i_g, i_e = list(model.i_g), list(model.i_e)
 
     def rows(size: int, most: float) -> np.ndarray:
-        return np.array([[random.number(most) for _ in range(size)] for _ in range(POINTS)]).reshape(POINTS, size)
+        return np.array(
+            [[random.number(most) for _ in range(size)] for _ in range(POINTS)]
+        ).reshape(POINTS, size)
 
     x = {"q_a": rows(model.n_a, 0.7), "v_a": rows(model.n_a, 1.0), "a_a": rows(model.n_a, 5.0)}
     x["q_a"][:, i_e] *= 0.125
@@ -75,7 +79,13 @@ def compute_expected(
     out = {}
     for function in functions:
         graph = definition(equations, function["name"])
-        values = dict(zip(graph.name_out(), evaluate(graph, *(given[name] for name in graph.name_in())), strict=True))
+        values = dict(
+            zip(
+                graph.name_out(),
+                evaluate(graph, *(given[name] for name in graph.name_in())),
+                strict=True,
+            )
+        )
         for port in function["outputs"]:
             value = np.asarray(values[port["name"]])
             value = value.transpose(0, 2, 1) if value.ndim == 3 else value

@@ -19,7 +19,9 @@ from flexgen.paths.path import Path, PathSample, find_move
 
 SMALL = 8  # coordinates of a robot for which collocation takes seconds
 UPDATES = 120  # of the stream beyond its horizon, at most
-SINGULAR = 1e-3  # smallest singular value of the output's Jacobian, relative to the largest: below it no stream passes
+# smallest singular value of the output's Jacobian, relative to the largest: below it no stream
+# passes
+SINGULAR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,9 @@ class Motion:
     options: StreamOptions
 
 
-def motion_of(equations: Equations, options: StreamOptions, move: str | Move | None = None) -> Motion:
+def motion_of(
+    equations: Equations, options: StreamOptions, move: str | Move | None = None
+) -> Motion:
     """The first move of a model, or the named one.
 
     The torques are those of the method "collocation" on the definition, which shares no code with the stream (without
@@ -82,7 +86,9 @@ def motion_of(equations: Equations, options: StreamOptions, move: str | Move | N
     at = trajectory.at(np.clip(t, trajectory.time[0], trajectory.time[-1]))
     _refuse_singular(equations, at["q_a"], chosen.name)
     tau = at["tau_m"]
-    return Motion(targets(sample), sample.derivative(1), sample.derivative(2), path.q_start, tau, options)
+    return Motion(
+        targets(sample), sample.derivative(1), sample.derivative(2), path.q_start, tau, options
+    )
 
 
 def _refuse_singular(equations: Equations, q_a: np.ndarray, move: str) -> None:
@@ -90,7 +96,9 @@ def _refuse_singular(equations: Equations, q_a: np.ndarray, move: str) -> None:
     model = equations.model
     zero = np.zeros(model.n_a)
     target = np.zeros(model.output.target_size)
-    W = evaluate(equations.function("output_constraint"), q_a, zero, target)[1].reshape(len(q_a), -1, model.n_a)
+    W = evaluate(equations.function("output_constraint"), q_a, zero, target)[1].reshape(
+        len(q_a), -1, model.n_a
+    )
     values = np.linalg.svd(W[:, :, list(model.i_g)], compute_uv=False)
     if (values[:, -1] < SINGULAR * values[:, 0]).any():
         raise SolverError(

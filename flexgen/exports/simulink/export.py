@@ -15,7 +15,11 @@ PACKAGE = "flexgen.exports.simulink"
 
 @checked_types(own=("model", "directory"))
 def export_simulink(
-    model: ModelLike, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
+    model: ModelLike,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    stream: bool = True,
+    force: bool = False,
 ) -> Exported:
     """Write the emitted library as blocks of Simulink.
 
@@ -73,7 +77,9 @@ def _ccaller(library: Emitted) -> tuple[str, str]:
     for f in library.functions:
         sizes = {"const double": f["inputs"], "double": f["outputs"]}
         arguments = ", ".join(
-            f"{kind} {p['name']}[{' * '.join(map(str, p['shape']))}]" for kind, ports in sizes.items() for p in ports
+            f"{kind} {p['name']}[{' * '.join(map(str, p['shape']))}]"
+            for kind, ports in sizes.items()
+            for p in ports
         )
         prototype = f"int {name}_ccaller_{f['name']}({arguments})"
         header += f"/*\n{comment(f['summary'])} */\n{prototype};\n\n"

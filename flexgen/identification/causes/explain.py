@@ -27,7 +27,14 @@ import numpy as np
 
 from flexgen.analysis.missing_springs import additions
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.causes.hypotheses import Change, Changed, Number, changes_of, extend, numbers_of
+from flexgen.identification.causes.hypotheses import (
+    Change,
+    Changed,
+    Number,
+    changes_of,
+    extend,
+    numbers_of,
+)
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import with_sizes
 from flexgen.identification.parameters import ParameterVector
@@ -41,7 +48,8 @@ EXPLAINED = 0.95  # a gross fault that explains so much is the cause
 ALSO = 0.05  # a cause that explains so much less than the best one is named too
 STEP = 1e-4  # of differences in the logarithm of the factor of a change
 LARGEST_FACTOR = 3.0  # its logarithm
-SEEN = 30.0  # decrease of chi-square by a hidden cause; the best of 100 by chance: 15 in one of 100 fits
+# decrease of chi-square by a hidden cause; the best of 100 by chance: 15 in one of 100 fits
+SEEN = 30.0
 NEAR = 0.03  # of the root of the cost, where it is that of the noise
 ALIKE = 0.3  # relative difference of responses up to which they are alike
 
@@ -91,12 +99,16 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     changes = list(changes_of(residuals.data))
 
     def share(hypotheses: Sequence[Hypothesis]) -> list[Cause]:
-        return [replace(cause, share=min(cause.share / misfit, 1.0)) for cause in _refits(residuals, hypotheses, best)]
+        return [
+            replace(cause, share=min(cause.share / misfit, 1.0))
+            for cause in _refits(residuals, hypotheses, best)
+        ]
 
     causes = share(_find_gross(residuals, changes))
     if not any(cause.share > EXPLAINED for cause in causes):
         causes += share(_find_small(residuals, changes, best.x))
-        if all(cause.share < EXPLAINED for cause in causes):  # a step says little of a resonance that is missing
+        # a step says little of a resonance that is missing
+        if all(cause.share < EXPLAINED for cause in causes):
             causes += share(_every_spring(residuals))
     return _best(causes)
 
@@ -109,7 +121,9 @@ def hidden_causes(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     found = _find_small(residuals, list(changes_of(residuals.data)), x, SEEN / 2)
     if not found:
         return ()
-    causes = [each for each in _refits(residuals, found, _search(residuals, x)) if 2 * each.share > SEEN]
+    causes = [
+        each for each in _refits(residuals, found, _search(residuals, x)) if 2 * each.share > SEEN
+    ]
     most = max((cause.share for cause in causes), default=1.0)
     return _best([replace(cause, share=cause.share / most) for cause in causes])
 
@@ -118,7 +132,9 @@ def _best(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """The best one, and those that explain nearly as much."""
     best_of = {cause.words: cause for cause in sorted(causes, key=lambda cause: cause.share)}
     ordered = sorted(best_of.values(), key=lambda cause: -cause.share)
-    return tuple(cause for cause in ordered if cause.share >= max(LEAST_SHARE, ordered[0].share - ALSO))
+    return tuple(
+        cause for cause in ordered if cause.share >= max(LEAST_SHARE, ordered[0].share - ALSO)
+    )
 
 
 def _refits(residuals: Residuals, hypotheses: Sequence[Hypothesis], best: Fit) -> list[Cause]:
@@ -136,9 +152,13 @@ def _refits(residuals: Residuals, hypotheses: Sequence[Hypothesis], best: Fit) -
 def _find_gross(residuals: Residuals, changes: Sequence[Changed]) -> list[Hypothesis]:
     """The gross faults whose change brings the responses nearest to those of the model file."""
     model = residuals.response(residuals.vector.start).G
-    data = [(residuals.data if h is None else h.change(residuals.data, 1.0)) for h in (None, *changes)]
+    data = [
+        (residuals.data if h is None else h.change(residuals.data, 1.0)) for h in (None, *changes)
+    ]
     before, *after = (_distance(residuals, each, model) for each in data)
-    rated = sorted((distance, k) for k, distance in enumerate(after) if changes[k].gross and distance < before)
+    rated = sorted(
+        (distance, k) for k, distance in enumerate(after) if changes[k].gross and distance < before
+    )
     return [changes[k] for _, k in rated[:REFITS]]
 
 
@@ -155,7 +175,10 @@ def _find_small(
     ]
     rated: dict[object, tuple[float, Hypothesis]] = {}
     for hypothesis, column in columns:
-        gain, key = score(basis, r, column), hypothesis.name if isinstance(hypothesis, Spring) else hypothesis
+        gain, key = (
+            score(basis, r, column),
+            hypothesis.name if isinstance(hypothesis, Spring) else hypothesis,
+        )
         if key not in rated or rated[key][0] < gain:  # of one spring the best stiffness
             rated[key] = gain, hypothesis
     large = [pair for pair in rated.values() if pair[0] >= least]
@@ -165,7 +188,11 @@ def _find_small(
 def _every_spring(residuals: Residuals) -> list[Hypothesis]:
     """All missing springs, of two stiffnesses: searches from stiffer ones can end where there is no spring."""
     added, pose = additions(residuals.vector.model), residuals.data.poses[:1]
-    return [Spring(dof.name, model) for dof, made in added for model in with_sizes(made, dof.name, pose)[:2]]
+    return [
+        Spring(dof.name, model)
+        for dof, made in added
+        for model in with_sizes(made, dof.name, pose)[:2]
+    ]
 
 
 def score(basis: np.ndarray, r: np.ndarray, column: np.ndarray) -> float:
@@ -207,7 +234,9 @@ def _refit_change(residuals: Residuals, hypothesis: Changed, x: np.ndarray) -> t
         return _search(residuals.on(hypothesis.change(data, 1.0)), vector.start).cost, 1.0
 
     def weight(z: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
-        r, J = residuals.on(hypothesis.change(data, float(np.exp(z[-1])))).weight(z[:-1], derivatives)
+        r, J = residuals.on(hypothesis.change(data, float(np.exp(z[-1])))).weight(
+            z[:-1], derivatives
+        )
         if J is None:
             return r, None
         slope = _slope(residuals, hypothesis.change, z[:-1], float(z[-1]))
@@ -226,14 +255,18 @@ def _refit_change(residuals: Residuals, hypothesis: Changed, x: np.ndarray) -> t
     return fit.cost, float(np.exp(fit.x[-1]))
 
 
-def _columns_of_numbers(residuals: Residuals, x: np.ndarray) -> Iterator[tuple[Hypothesis, np.ndarray]]:
+def _columns_of_numbers(
+    residuals: Residuals, x: np.ndarray
+) -> Iterator[tuple[Hypothesis, np.ndarray]]:
     """Derivatives of the residuals in the numbers that are not free; those without ties by one call."""
     numbers = numbers_of(residuals.vector)
     single = [number for number in numbers if len(number.names) == 1]
     for group in (single, *([number] for number in numbers if len(number.names) > 1)):
         with suppress(SolverError):  # the searches went where an equilibrium is not found anew
             names = tuple(name for number in group for name in number.names)
-            vector = extend(residuals.vector, names, residuals.vector.model if group is single else None)
+            vector = extend(
+                residuals.vector, names, residuals.vector.model if group is single else None
+            )
             J = as_real(*residuals.of(vector).weight(_at(vector, residuals.vector, x), True))[1]
             yield from ((number, J[:, vector.names.index(number.names[0])]) for number in group)
 
@@ -241,10 +274,14 @@ def _columns_of_numbers(residuals: Residuals, x: np.ndarray) -> Iterator[tuple[H
 def _at(vector: ParameterVector, old: ParameterVector, x: np.ndarray) -> np.ndarray:
     """The values x of an old vector in one that has more, which begin at their start."""
     known = dict(zip(old.names, x, strict=True))
-    return np.array([known.get(name, first) for name, first in zip(vector.names, vector.start, strict=True)])
+    return np.array(
+        [known.get(name, first) for name, first in zip(vector.names, vector.start, strict=True)]
+    )
 
 
-def _columns_of_springs(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> Iterator[tuple[Hypothesis, np.ndarray]]:
+def _columns_of_springs(
+    residuals: Residuals, x: np.ndarray, r: np.ndarray
+) -> Iterator[tuple[Hypothesis, np.ndarray]]:
     """Differences of the residuals by springs that the model does not have, of several stiffnesses."""
     old = residuals.vector
     for dof, changed in additions(old.model):
@@ -259,7 +296,10 @@ def _columns_of_springs(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> I
 
 def _slope(residuals: Residuals, change: Change, x: np.ndarray, at: float) -> np.ndarray:
     """Derivative of the residuals in the logarithm of the factor of a change."""
-    up, down = (residuals.on(change(residuals.data, float(np.exp(at + h)))).weight(x, False)[0] for h in (STEP, -STEP))
+    up, down = (
+        residuals.on(change(residuals.data, float(np.exp(at + h)))).weight(x, False)[0]
+        for h in (STEP, -STEP)
+    )
     return np.asarray((up - down) / (2 * STEP))
 
 

@@ -18,7 +18,8 @@ from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 
-LEAST = {"viscous": 1e-4, "mass": 0.01}  # where the search for what the model does not have begins [N m s/rad], [kg]
+# where the search for what the model does not have begins [N m s/rad], [kg]
+LEAST = {"viscous": 1e-4, "mass": 0.01}
 
 Words = Callable[[float], str]
 Change = Callable[[Frf, float], Frf]
@@ -49,16 +50,28 @@ def numbers_of(vector: ParameterVector) -> list[Number]:
     """Masses, rotor inertias, torque constants, delay and frictions that are not free."""
     model = vector.model
     bodies = [e.name for e in model.elements if e.body.mass > 0]
-    out = [Number((f"{name}.mass",), _say_change(f"mass of {name}", "larger", "smaller")) for name in bodies]
+    out = [
+        Number((f"{name}.mass",), _say_change(f"mass of {name}", "larger", "smaller"))
+        for name in bodies
+    ]
     change = _say_change("payload", "heavier", "lighter")
     say = change if model.payload.mass > 0 else _say_value("a missing payload", 1.0, "kg")
     out.append(Number(("payload.mass",), say))
     for motor in model.motors:
         name = motor.name
-        out.append(Number((f"{name}.inertia",), _say_change(f"rotor inertia of {name}", "larger", "smaller")))
+        out.append(
+            Number(
+                (f"{name}.inertia",), _say_change(f"rotor inertia of {name}", "larger", "smaller")
+            )
+        )
         out.append(Number((name + CONSTANT,), _say_recorded(f"torque of {name}", inverse=True)))
         if motor.friction.viscous == 0.0:
-            out.append(Number((f"{name}.viscous",), _say_value(f"viscous friction of {name}", 1.0, "N m s/rad")))
+            out.append(
+                Number(
+                    (f"{name}.viscous",),
+                    _say_value(f"viscous friction of {name}", 1.0, "N m s/rad"),
+                )
+            )
     out.append(Number((DELAY,), _say_delay))
     every = masses_of(model)
     if len(bodies) > 1:
@@ -71,13 +84,17 @@ def masses_of(model: RobotModel) -> tuple[str, ...]:
     """Names of all masses and inertias of bodies and payload that are not zero."""
     parts = [e.name for e in model.elements if e.body.mass > 0]
     axes = ("xx", "yy", "zz", "xy", "xz", "yz")
-    names = [f"{part}.{what}" for part in parts for what in ("mass", *(f"inertia_{k}" for k in axes))]
+    names = [
+        f"{part}.{what}" for part in parts for what in ("mass", *(f"inertia_{k}" for k in axes))
+    ]
     names += ["payload.mass"]
     there = {p.name for p in select(model, names) if p.value != 0.0}
     return tuple(name for name in names if name in there)
 
 
-def extend(vector: ParameterVector, names: tuple[str, ...], model: RobotModel | None = None) -> ParameterVector:
+def extend(
+    vector: ParameterVector, names: tuple[str, ...], model: RobotModel | None = None
+) -> ParameterVector:
     """The vector of a fit with more names: the first is free, the others follow it; with a model given all are free."""
     ties = {name: u.name for u in vector.unknowns for name in u.tied}
     more = names[:1] if model is None else names
@@ -97,14 +114,19 @@ def extend(vector: ParameterVector, names: tuple[str, ...], model: RobotModel | 
 
 def changes_of(data: Frf) -> Iterator[Changed]:
     """Faults of the record: scales, signs, exchanged channels, units, hold and sample time."""
-    yield Changed(with_sample_time, _say_change("sample time", "longer than stated", "shorter than stated"))
+    yield Changed(
+        with_sample_time, _say_change("sample time", "longer than stated", "shorter than stated")
+    )
     for i, motor in enumerate(data.motors):
         yield Changed(_scale_of_angle(i), _say_recorded(f"angle of {motor}"))
     n, motors = len(data.motors), data.motors
     whole = np.eye(len(data.outputs)), np.eye(n)
     units = (("degrees, read as radians", np.pi / 180), ("radians, read as degrees", 180 / np.pi))
     for name, factor in units:
-        for words, these in (("angles", range(n)), *((f"angle of {motor}", [i]) for i, motor in enumerate(motors))):
+        for words, these in (
+            ("angles", range(n)),
+            *((f"angle of {motor}", [i]) for i, motor in enumerate(motors)),
+        ):
             left = np.diag(np.where(np.isin(np.arange(len(data.outputs)), these), factor, 1.0))
             yield _gross(f"{words} in {name},", left, whole[1])
     for i, motor in enumerate(motors):
@@ -117,7 +139,9 @@ def changes_of(data: Frf) -> Iterator[Changed]:
         yield _gross(f"exchanged torques of {motors[i]} and {motors[k]}", whole[0], right)
         yield _gross(f"exchanged angles and torques of {motors[i]} and {motors[k]}", left, right)
     if data.sample_s > 0:
-        yield Changed(lambda x, _: replace(x, sample_s=0.0), lambda _: "torques without hold", gross=True)
+        yield Changed(
+            lambda x, _: replace(x, sample_s=0.0), lambda _: "torques without hold", gross=True
+        )
 
 
 def transform(data: Frf, left: np.ndarray, right: np.ndarray) -> Frf:
@@ -138,7 +162,9 @@ def with_sample_time(data: Frf, factor: float) -> Frf:
     """The responses with a sample time that is longer by a factor than the record states."""
     orders = np.array([ANGLE] * len(data.motors) + list(data.orders))
     scaled = transform(data, np.diag(factor**-orders), np.eye(len(data.motors)))
-    return replace(scaled, w=data.w / factor, sample_s=data.sample_s * factor, delay_s=data.delay_s * factor)
+    return replace(
+        scaled, w=data.w / factor, sample_s=data.sample_s * factor, delay_s=data.delay_s * factor
+    )
 
 
 def _scale_of_angle(i: int) -> Change:
@@ -164,7 +190,9 @@ def _swap(count: int, i: int, k: int) -> list[int]:
 
 def _say_change(what: str, more: str, less: str) -> Words:
     """Words for a factor: ``payload 20 % heavier``."""
-    return lambda factor: f"{what} {float(f'{100 * abs(factor - 1):.2g}'):g} % {more if factor > 1 else less}"
+    return lambda factor: (
+        f"{what} {float(f'{100 * abs(factor - 1):.2g}'):g} % {more if factor > 1 else less}"
+    )
 
 
 def _say_recorded(what: str, inverse: bool = False) -> Words:

@@ -115,7 +115,8 @@ def compare_levels(residuals: Residuals, x: np.ndarray, others: Sequence[Frf]) -
 def _check(data: Frf, others: Sequence[Frf]) -> None:
     for k, other in enumerate(others, 1):
         same = (
-            (data.motors, data.w.shape, data.poses.shape) == (other.motors, other.w.shape, other.poses.shape)
+            (data.motors, data.w.shape, data.poses.shape)
+            == (other.motors, other.w.shape, other.poses.shape)
             and np.allclose(data.w, other.w)
             and np.allclose(data.poses, other.poses, atol=1e-3)
         )
@@ -167,9 +168,17 @@ def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray
     P, inertia = rows @ (inverse @ B[:, None]) * inward, np.array([m.inertia for m in model.motors])
     linear = Linearization(data.w, at.response(x).G[:, :, :n], L, S, P, stiffness, inertia)
     G = data.G[:, :, :n]
-    gear = (model.eta.T @ (inward * np.eye(n) - inertia[:, None] * G))[:, :, elastic]  # torque of the gears
+    # torque of the gears
+    gear = (model.eta.T @ (inward * np.eye(n) - inertia[:, None] * G))[:, :, elastic]
     power = np.einsum("klai,klij,klaj->ka", gear, data.UU / data.experiments, gear.conj()).real / 2
-    return Level(linear, G, _variance(at)[:, :, :n], rest.y @ deflection.T, np.sqrt(power) / stiffness, data.speed_sd)
+    return Level(
+        linear,
+        G,
+        _variance(at)[:, :, :n],
+        rest.y @ deflection.T,
+        np.sqrt(power) / stiffness,
+        data.speed_sd,
+    )
 
 
 def _variance(residuals: Residuals) -> np.ndarray:
@@ -182,7 +191,9 @@ def _variance(residuals: Residuals) -> np.ndarray:
     return np.asarray(outputs[..., None] * inputs[..., None, :])
 
 
-def _say(cause: Nonlinearity, found: Comparison, robot: RobotModel, coordinates: Sequence[int]) -> NonlinearCause:
+def _say(
+    cause: Nonlinearity, found: Comparison, robot: RobotModel, coordinates: Sequence[int]
+) -> NonlinearCause:
     """The words for a cause, with its numbers in physical units."""
     names = [robot.coordinates[i].name for i in coordinates]
     motors = [motor.name for motor in robot.motors]
@@ -192,7 +203,9 @@ def _say(cause: Nonlinearity, found: Comparison, robot: RobotModel, coordinates:
             parts.append(f"{motors[j]} ({z[0] * found.friction[j]:.2g} N m)")
             continue
         dof = robot.coordinates[coordinates[j]].dof
-        scale, unit = (1e3, "mm") if dof is not None and dof.type == "translation" else (1e3, "mrad")
+        scale, unit = (
+            (1e3, "mm") if dof is not None and dof.type == "translation" else (1e3, "mrad")
+        )
         size = scale * found.deflection[j]
         parts.append(f"{names[j]} ({_size(cause.law, z, size, unit)})")
     return NonlinearCause(f"{WORDS[cause.law]} of {', '.join(parts)}", cause.share)

@@ -153,18 +153,27 @@ class Plan(ArrayResult):
             The folder cannot be made or written.
         """
         target, out = Path(folder), []
-        names = ["t", *(f"{motor}_{kind}" for kind in ("q_ref_rad", "v_ref_rad_s") for motor in self.motors)]
+        names = [
+            "t",
+            *(f"{motor}_{kind}" for kind in ("q_ref_rad", "v_ref_rad_s") for motor in self.motors),
+        ]
         t = np.arange(self.samples) * self.hardware.sample_s
         try:
             target.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ArgumentError(f"references: the folder {str(target)!r} cannot be made ({error.strerror})") from None
+            raise ArgumentError(
+                f"references: the folder {str(target)!r} cannot be made ({error.strerror})"
+            ) from None
         w = 2j * np.pi * np.fft.rfftfreq(self.samples, self.hardware.sample_s)[:, None]
         for k, r, e in np.ndindex(len(self.poses), self.realizations, self.experiments):
             q = self.reference(r, e)
             v = np.fft.irfft(w * np.fft.rfft(q, axis=0), self.samples, axis=0)
             rows = np.column_stack([t, self.poses[k] + q, v])
-            text = ",".join(names) + "\n" + "".join(",".join(f"{x:.12g}" for x in row) + "\n" for row in rows.tolist())
+            text = (
+                ",".join(names)
+                + "\n"
+                + "".join(",".join(f"{x:.12g}" for x in row) + "\n" for row in rows.tolist())
+            )
             path = target / f"pose{k + 1}_realization{r + 1}_experiment{e + 1}.csv"
             out.append(write_text(path, text))
         return tuple(out)
@@ -180,7 +189,9 @@ class Plan(ArrayResult):
             "speed_gain": self.controller.speed_gain,
             "integral_gain": self.controller.integral_gain,
         }
-        hardware = {key: value for key, value in vars(self.hardware).items() if key != "torque_max_Nm"}
+        hardware = {
+            key: value for key, value in vars(self.hardware).items() if key != "torque_max_Nm"
+        }
         arrays["torque_max"] = np.array(self.hardware.torque_max_Nm)
         meta = {
             "model": self.model,
@@ -199,7 +210,9 @@ class Plan(ArrayResult):
     def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Plan:
         """The plan with these data; the inverse of `data`."""
         gains = [arrays[name] for name in ("position_gain", "speed_gain", "integral_gain")]
-        hardware = DriveHardware(**meta["hardware"], torque_max_Nm=tuple(arrays["torque_max"].ravel().tolist()))
+        hardware = DriveHardware(
+            **meta["hardware"], torque_max_Nm=tuple(arrays["torque_max"].ravel().tolist())
+        )
         n, lines, phases = len(meta["motors"]), arrays["lines"], arrays["phases"]
         shapes = {
             "poses": (arrays["poses"], (len(arrays["poses"]), n)),
@@ -211,9 +224,18 @@ class Plan(ArrayResult):
             if array.shape != shape or array.size == 0:
                 raise ValueError(f"{name}: given the shape {array.shape}, expected {shape}")
         samples = float(meta["period_s"]) / hardware.sample_s
-        if not 2 <= samples <= MOST_SAMPLES or lines.ndim != 1 or not np.all((lines > 0) & (lines < samples / 2)):
-            raise ValueError(f"lines and period: expected lines below half of 2 to {MOST_SAMPLES} samples in a period")
-        if not 1 <= int(meta["periods"]) <= MOST_PERIODS or not 0 <= int(meta["transients"]) <= MOST_PERIODS:
+        if (
+            not 2 <= samples <= MOST_SAMPLES
+            or lines.ndim != 1
+            or not np.all((lines > 0) & (lines < samples / 2))
+        ):
+            raise ValueError(
+                f"lines and period: expected lines below half of 2 to {MOST_SAMPLES} samples in a period"
+            )
+        if (
+            not 1 <= int(meta["periods"]) <= MOST_PERIODS
+            or not 0 <= int(meta["transients"]) <= MOST_PERIODS
+        ):
             raise ValueError(f"periods, transients: expected at most {MOST_PERIODS}")
         return cls(
             meta["model"], meta["digest"], tuple(meta["motors"]), arrays["poses"], arrays["lines"].astype(int),
@@ -232,7 +254,9 @@ def odd_lines(f_min: float, f_max: float, count: int, period_s: float) -> np.nda
         There are none.
     """
     if not (0 < f_min < f_max and math.isfinite(f_max)):
-        raise ArgumentError(f"f_min, f_max: given {f_min!r}, {f_max!r}, expected 0 < f_min < f_max in Hz")
+        raise ArgumentError(
+            f"f_min, f_max: given {f_min!r}, {f_max!r}, expected 0 < f_min < f_max in Hz"
+        )
     least, most = math.ceil(f_min * period_s - 1e-9), math.floor(f_max * period_s + 1e-9)
     least, most = least + (least % 2 == 0), most - (most % 2 == 0)
     lines = np.zeros(0, int)
@@ -256,7 +280,9 @@ def motor_speeds(model: RobotModel, speed: float | np.ndarray) -> np.ndarray:
     """Motor-side speeds (n_m,) for a speed of each joint, arm side [rad/s or m/s]; one number: the same for all."""
     given = np.broadcast_to(np.asarray(speed, dtype=float), (model.n_g,))
     if not np.all(np.isfinite(given) & (given > 0)):
-        raise ArgumentError(f"speed_rms: given {speed!r}, expected a speed > 0 in rad/s or m/s, or one for each joint")
+        raise ArgumentError(
+            f"speed_rms: given {speed!r}, expected a speed > 0 in rad/s or m/s, or one for each joint"
+        )
     return np.sqrt((model.eta**2) @ given**2)
 
 

@@ -26,7 +26,13 @@ from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Samples, integration_steps
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.numerics.spectra import SPECTRA_BESIDE, checked_beside, records_beside, spectra_beside, spectrum
+from flexgen.numerics.spectra import (
+    SPECTRA_BESIDE,
+    checked_beside,
+    records_beside,
+    spectra_beside,
+    spectrum,
+)
 from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.progress import Choice, reported
 from flexgen.results import ArrayResult
@@ -116,7 +122,12 @@ class Experiment(ArrayResult):
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""
         arrays, meta = self.plan.data()
-        own = {"tau_m": self.tau_m, "q_m": self.q_m, "speed_sd": self.speed_sd, "saturated": self.saturated}
+        own = {
+            "tau_m": self.tau_m,
+            "q_m": self.q_m,
+            "speed_sd": self.speed_sd,
+            "saturated": self.saturated,
+        }
         more = {name: getattr(self, name) for name in ("signals", "references", *SPECTRA_BESIDE)}
         own |= {name: x for name, x in more.items() if x is not None}
         return arrays | own, {
@@ -124,7 +135,9 @@ class Experiment(ArrayResult):
             "periodic": self.periodic,
             "lines_by_torque": self.lines_by_torque,
             "orders": None if self.orders is None else list(self.orders),
-            "filters": [[type(f).__name__, *vars(f).values()] for f in self.plan.controller.filters],
+            "filters": [
+                [type(f).__name__, *vars(f).values()] for f in self.plan.controller.filters
+            ],
             "source": self.source,
             "hold": self.hold,
             "units": {"tau_m": "N m", "q_m": "rad"},
@@ -134,20 +147,31 @@ class Experiment(ArrayResult):
     @classmethod
     def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Experiment:
         """The experiment with these data; the inverse of `data`."""
-        tau_m, q_m, speed_sd, saturated = (arrays[name] for name in ("tau_m", "q_m", "speed_sd", "saturated"))
+        tau_m, q_m, speed_sd, saturated = (
+            arrays[name] for name in ("tau_m", "q_m", "speed_sd", "saturated")
+        )
         plan = Plan.from_data(arrays, meta)
         k, n, lines = len(plan.poses), len(plan.motors), len(plan.lines)
         given = (k, *tau_m.shape[1:4], lines, n)
-        if tau_m.shape != given or q_m.shape != given or speed_sd.shape != (k, n) or saturated.shape != (k,):
+        if (
+            tau_m.shape != given
+            or q_m.shape != given
+            or speed_sd.shape != (k, n)
+            or saturated.shape != (k,)
+        ):
             raise ValueError("arrays of different sizes")
         if tau_m.shape[3] != plan.periods or meta["hold"] not in HOLDS or tau_m.size == 0:
-            raise ValueError(f"periods and hold: expected {plan.periods} and one of {', '.join(HOLDS)}")
+            raise ValueError(
+                f"periods and hold: expected {plan.periods} and one of {', '.join(HOLDS)}"
+            )
         for name in ("tau_m", "q_m", "signals", *SPECTRA_BESIDE[1::2]):
             if name in arrays and np.abs(arrays[name]).max(initial=0.0) > LARGEST:
                 raise ValueError(f"{name}: expected numbers up to {LARGEST:g}")
         signals = arrays.get("signals")
         c = len(plan.sensors)
-        if (signals is None) != (c == 0) or (signals is not None and signals.shape != (*given[:-1], c)):
+        if (signals is None) != (c == 0) or (
+            signals is not None and signals.shape != (*given[:-1], c)
+        ):
             raise ValueError(f"signals: expected those of {c} sensor channels")
         orders = tuple(map(int, meta.get("orders") or ())) or None
         if (0 if orders is None else len(orders)) != c or not set(orders or ()) <= {0, 1, 2}:
@@ -222,8 +246,17 @@ def measure(
     local = LocalModel(robot, ())
     rest, rate = local.rest(local.values, plan.poses), largest_rate(local, plan.poses)
     steps = integration_steps(plan.hardware, FINER * rate) if steps is None else steps
-    shape = (len(plan.poses), plan.realizations, plan.experiments, plan.periods, len(plan.lines), robot.n_m)
-    kept = _Spectra(plan, robot, SensorSignals(robot, plan, library, seed) if plan.sensors else None, beside)
+    shape = (
+        len(plan.poses),
+        plan.realizations,
+        plan.experiments,
+        plan.periods,
+        len(plan.lines),
+        robot.n_m,
+    )
+    kept = _Spectra(
+        plan, robot, SensorSignals(robot, plan, library, seed) if plan.sensors else None, beside
+    )
     saturated = np.zeros(len(plan.poses), np.int64)
     runs = [(k, r, e) for k in range(shape[0]) for r in range(shape[1]) for e in range(shape[2])]
     for first in range(0, len(runs), LANES):
@@ -240,7 +273,9 @@ def measure(
             reference[:, lane, robot.n_m :] = rest.tau_m[k]
         settle(loop, reference, plan.transients)
         recorded = []
-        for period, samples in enumerate(loop.periods(reference, plan.periods, motion=kept.sensors is not None)):
+        for period, samples in enumerate(
+            loop.periods(reference, plan.periods, motion=kept.sensors is not None)
+        ):
             recorded.append(kept.add(group, period, samples, keep=raw is not None))
             if tell is not None:
                 done = (first + len(group) * (period + 1) / plan.periods) / len(runs)
@@ -248,7 +283,10 @@ def measure(
         np.add.at(saturated, at, loop.saturated)
         if raw is not None:
             for lane, run in enumerate(group):
-                raw(*run, *(np.concatenate([part[i][:, lane] for part in recorded]) for i in range(3)))
+                raw(
+                    *run,
+                    *(np.concatenate([part[i][:, lane] for part in recorded]) for i in range(3)),
+                )
     w = 2 * np.pi * plan.frequencies
     speed = np.sqrt((np.abs(w[:, None] * kept.q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
     return Experiment(
@@ -261,24 +299,35 @@ def measure(
 class _Spectra:
     """The spectra of an experiment, filled period by period; names as in `Experiment`."""
 
-    def __init__(self, plan: Plan, robot: RobotModel, sensors: SensorSignals | None, beside: bool) -> None:
+    def __init__(
+        self, plan: Plan, robot: RobotModel, sensors: SensorSignals | None, beside: bool
+    ) -> None:
         self.plan, self.sensors = plan, sensors
-        runs, n, c = (len(plan.poses), plan.realizations, plan.experiments), robot.n_m, len(plan.sensors)
+        runs, n, c = (
+            (len(plan.poses), plan.realizations, plan.experiments),
+            robot.n_m,
+            len(plan.sensors),
+        )
         shape = (*runs, plan.periods, len(plan.lines))
         self.tau_m, self.q_m = np.empty((*shape, n), complex), np.empty((*shape, n), complex)
         self.signals = np.empty((*shape, c), complex) if c else None
         self._records: dict[str, tuple[int, np.ndarray]] = {}
         try:
             if sensors is not None and max(sensors.steps) > 1:
-                raise ArgumentError("transients: given sensors that are slower than the drives, expected none of them")
+                raise ArgumentError(
+                    "transients: given sensors that are slower than the drives, expected none of them"
+                )
             self._records = records_beside(plan.lines, plan.periods)
         except ArgumentError:
             if beside:
                 raise
         last = len(plan.lines), 2 * n + c
-        self.beside: dict[str, Any] = {f"offsets{end}": at for end, (_, at) in self._records.items()}
+        self.beside: dict[str, Any] = {
+            f"offsets{end}": at for end, (_, at) in self._records.items()
+        }
         self.beside |= {
-            f"beside{end}": np.zeros((*runs, len(at), *last), complex) for end, (_, at) in self._records.items()
+            f"beside{end}": np.zeros((*runs, len(at), *last), complex)
+            for end, (_, at) in self._records.items()
         }
         late = np.zeros(0) if sensors is None else sensors.delays
         self._turn = np.exp(-2j * np.pi * plan.frequencies[:, None] * late)
@@ -296,12 +345,16 @@ class _Spectra:
             self.q_m[*run, period] = spectrum(samples.q_m[:, lane], lines)
             if self.sensors is not None and self.signals is not None:
                 for c, step in enumerate(self.sensors.steps):
-                    self.signals[*run, period, :, c] = spectrum(signals[::step, lane, c : c + 1], lines)[:, 0]
+                    self.signals[*run, period, :, c] = spectrum(
+                        signals[::step, lane, c : c + 1], lines
+                    )[:, 0]
                 self.signals[*run, period] *= self._turn
             x = np.hstack([samples.tau_m[:, lane], samples.q_m[:, lane], signals[:, lane]])
             for end, (first, offsets) in self._records.items():
                 if period >= first:
-                    found = spectra_beside(x, lines, offsets, period - first, self.plan.periods - first)
+                    found = spectra_beside(
+                        x, lines, offsets, period - first, self.plan.periods - first
+                    )
                     found[..., x.shape[1] - signals.shape[2] :] *= self._turn
                     self.beside[f"beside{end}"][run] += found
         return (samples.q_m, samples.tau_m, signals) if keep else (empty, empty, empty)
@@ -317,7 +370,9 @@ def _robot(plan: Plan, truth: RobotModel | str | Path | None) -> RobotModel:
         )
     motors = tuple(motor.name for motor in robot.motors)
     if motors != plan.motors:
-        raise ArgumentError(f"truth: given the motors {', '.join(motors)}, expected {', '.join(plan.motors)}")
+        raise ArgumentError(
+            f"truth: given the motors {', '.join(motors)}, expected {', '.join(plan.motors)}"
+        )
     return robot
 
 

@@ -23,11 +23,17 @@ from flexgen.analysis.response_outputs import noises, output_orders
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import LocalModel
-from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_drive, is_of_sensor
+from flexgen.identification.parameters import (
+    SENSOR_DELAY,
+    ParameterVector,
+    is_of_drive,
+    is_of_sensor,
+)
 from flexgen.model.elements import RobotModel
 
 FRICTIONS = (".viscous", ".coulomb", ".stribeck", ".alpha", ".beta", ".offset")
-ROUNDING = 1e-6  # least noise of a sensor over what the noise of the torques gives in it: covariances stay regular
+# least noise of a sensor over what the noise of the torques gives in it: covariances stay regular
+ROUNDING = 1e-6
 RANGE = 1.0  # rad or m about home where a joint has no limits
 CriterionName = Literal["A", "D", "random"]
 CRITERIA: tuple[CriterionName, ...] = get_args(CriterionName)
@@ -69,7 +75,9 @@ def noise_covariance(G: np.ndarray, w: np.ndarray, plan: Plan, model: RobotModel
     # A drive without noise still rounds: what is predicted must stay finite.
     torque = max(hardware.torque_noise_Nm, 1e-9) ** 2
     of = {name: sensor for sensor in model.sensors for name in sensor.channels}
-    slower = {name: (of[name].sample_s or hardware.sample_s) / hardware.sample_s for name in plan.sensors}
+    slower = {
+        name: (of[name].sample_s or hardware.sample_s) / hardware.sample_s for name in plan.sensors
+    }
     sensed = noises(model, plan.sensors) ** 2 * [slower[name] for name in plan.sensors]
     output = np.concatenate([np.full(n, angle), sensed])
     white = w[:, None] ** (2 * output_orders(model, plan.sensors)) * np.maximum(output, 1e-24)
@@ -119,7 +127,9 @@ def information(
         if progress is not None:
             progress(f"pose {k + 1} of {len(poses)}")
     if not out:
-        raise SolverError("poses: the robot can rest at none of them; check the limits of the joints")
+        raise SolverError(
+            "poses: the robot can rest at none of them; check the limits of the joints"
+        )
     return np.array(out), np.array(used)
 
 
@@ -128,26 +138,44 @@ def information_by_line(vector: ParameterVector, plan: Plan, pose: np.ndarray) -
     return _by_line(vector, LocalModel(vector.model, vector.of_model, plan.sensors), plan, pose)
 
 
-def _by_line(vector: ParameterVector, local: LocalModel, plan: Plan, pose: np.ndarray) -> np.ndarray:
+def _by_line(
+    vector: ParameterVector, local: LocalModel, plan: Plan, pose: np.ndarray
+) -> np.ndarray:
     w = 2 * np.pi * plan.frequencies
-    drive = vector.drive_at(vector.start, Drive(plan.hardware.sample_s, plan.hardware.delay_s, has_images=False))
+    drive = vector.drive_at(
+        vector.start, Drive(plan.hardware.sample_s, plan.hardware.delay_s, has_images=False)
+    )
     response = local.response(local.values, pose[None], w, drive, speed_sd=plan.speed_sd)
     assert response.dG is not None
     G, dG = response.G[0], along_x(vector, local, vector.start, response.G, response.dG, w)[0]
     U = np.linalg.cholesky(torque_spectra(G[:, : len(plan.motors)], w, plan))
     L = np.linalg.cholesky(noise_covariance(G, w, plan, vector.model))
     J = np.linalg.solve(L, np.einsum("labp,lbe->lape", dG, U).reshape(*L.shape[:2], -1))
-    J = J.reshape(len(w), L.shape[1], len(vector), -1).transpose(0, 2, 1, 3).reshape(len(w), len(vector), -1)
+    J = (
+        J.reshape(len(w), L.shape[1], len(vector), -1)
+        .transpose(0, 2, 1, 3)
+        .reshape(len(w), len(vector), -1)
+    )
     return np.asarray(2 * plan.periods * plan.realizations * np.real(J.conj() @ J.swapaxes(-1, -2)))
 
 
 def plan_lines(plan: Plan, lines: slice) -> Plan:
     """The plan with some of its lines."""
-    return replace(plan, lines=plan.lines[lines], amplitudes=plan.amplitudes[lines], phases=plan.phases[:, lines])
+    return replace(
+        plan,
+        lines=plan.lines[lines],
+        amplitudes=plan.amplitudes[lines],
+        phases=plan.phases[:, lines],
+    )
 
 
 def along_x(
-    vector: ParameterVector, local: LocalModel, x: np.ndarray, G: np.ndarray, dG: np.ndarray, w: np.ndarray
+    vector: ParameterVector,
+    local: LocalModel,
+    x: np.ndarray,
+    G: np.ndarray,
+    dG: np.ndarray,
+    w: np.ndarray,
 ) -> np.ndarray:
     """Derivatives of G (k, lines, outputs, n_m, n) in x from those in the numbers of the model."""
     values, change = vector.named(x), vector.dvalues(x)
@@ -176,7 +204,11 @@ def covariance(F: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
 
 
 def choose(
-    F: np.ndarray, count: int, vector: ParameterVector, criterion: str, names: Sequence[str] | None = None
+    F: np.ndarray,
+    count: int,
+    vector: ParameterVector,
+    criterion: str,
+    names: Sequence[str] | None = None,
 ) -> list[int]:
     """Indices of the best ``count`` poses: greedy choice, then exchanges as long as one helps.
 
@@ -193,14 +225,20 @@ def choose(
         Parameters that count; default: all but the frictions.
     """
     if criterion not in ("A", "D"):
-        raise ArgumentError(f"criterion: given {criterion!r}, expected one of {', '.join(CRITERIA)}")
+        raise ArgumentError(
+            f"criterion: given {criterion!r}, expected one of {', '.join(CRITERIA)}"
+        )
     if count > len(F):
-        raise ArgumentError(f"poses: given {count}, expected at most {len(F)}, the number of candidates")
+        raise ArgumentError(
+            f"poses: given {count}, expected at most {len(F)}, the number of candidates"
+        )
     target = count_parameters(vector, names)
 
     def cost(total: np.ndarray) -> np.ndarray:
         block = covariance(total, vector.prior_sd)[..., target, :][..., target]
-        return np.trace(block, axis1=-2, axis2=-1) if criterion == "A" else np.linalg.slogdet(block)[1]
+        return (
+            np.trace(block, axis1=-2, axis2=-1) if criterion == "A" else np.linalg.slogdet(block)[1]
+        )
 
     chosen: list[int] = []
     total = np.zeros_like(F[0])
@@ -225,5 +263,7 @@ def choose(
 
 def count_parameters(vector: ParameterVector, names: Sequence[str] | None = None) -> np.ndarray:
     """Which parameters count: the named ones, by default all but the frictions; all where there are no others."""
-    out = np.array([not n.endswith(FRICTIONS) if names is None else n in names for n in vector.names])
+    out = np.array(
+        [not n.endswith(FRICTIONS) if names is None else n in names for n in vector.names]
+    )
     return out if out.any() else np.ones(len(out), bool)

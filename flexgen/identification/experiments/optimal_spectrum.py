@@ -18,7 +18,11 @@ from dataclasses import replace
 import numpy as np
 
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.experiments.operating_points import count_parameters, covariance, information_by_line
+from flexgen.identification.experiments.operating_points import (
+    count_parameters,
+    covariance,
+    information_by_line,
+)
 from flexgen.identification.parameters import ParameterVector
 
 KEPT = 0.5  # part of the power that stays where it was
@@ -29,7 +33,8 @@ def with_optimal_spectrum(plan: Plan, vector: ParameterVector) -> Plan:
     """The plan with half of its power at the most informative frequencies of its poses; each motor keeps its rms."""
     F = sum(information_by_line(vector, plan, pose) for pose in plan.poses)
     power = plan.amplitudes[:, 0] ** 2
-    each = np.asarray(F) / power[:, None, None] * power.sum()  # as if all of the power were in this line
+    # as if all of the power were in this line
+    each = np.asarray(F) / power[:, None, None] * power.sum()
     best = optimal_power(each, vector)
     mixed = KEPT * power / power.sum() + (1 - KEPT) * best
     total = (plan.amplitudes**2).sum(axis=0)

@@ -15,7 +15,12 @@ from flexgen.codegen.digest import model_digest
 from flexgen.counts import PERIODS, SAMPLES, count_of, seconds_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
-from flexgen.identification.experiments.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
+from flexgen.identification.experiments.excitation import (
+    Plan,
+    motor_speeds,
+    odd_lines,
+    speed_amplitudes,
+)
 from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.controllers import Cascade
@@ -104,7 +109,10 @@ def excite(
     >>> list(plan.predicted)
     ['q1.stiffness', 'q1.damping', 'q2.stiffness', 'q2.damping']
     """
-    robot, hardware = model if isinstance(model, RobotModel) else read(model), hardware or DriveHardware()
+    robot, hardware = (
+        model if isinstance(model, RobotModel) else read(model),
+        hardware or DriveHardware(),
+    )
     _check_counts(periods, transients, realizations)
     seconds_of("period_s", period_s, SAMPLES * hardware.sample_s)
     lines_ = odd_lines(*_band(robot, f_min, f_max, hardware), lines, period_s)
@@ -116,7 +124,9 @@ def excite(
         lines=lines_,
         period_s=float(period_s),
         amplitudes=_amplitudes(robot, lines_ / period_s, speed_rms, spectrum),
-        phases=np.random.default_rng(seed).uniform(0, 2 * np.pi, (realizations, len(lines_), robot.n_m)),
+        phases=np.random.default_rng(seed).uniform(
+            0, 2 * np.pi, (realizations, len(lines_), robot.n_m)
+        ),
         periods=periods,
         transients=transients,
         hardware=hardware,
@@ -129,17 +139,26 @@ def excite(
 
 
 def _amplitudes(
-    model: RobotModel, frequencies: np.ndarray, speed_rms: float | Sequence[float], spectrum: float | str
+    model: RobotModel,
+    frequencies: np.ndarray,
+    speed_rms: float | Sequence[float],
+    spectrum: float | str,
 ) -> np.ndarray:
     """Amplitudes (lines, n_m) of the motor speeds."""
     if not isinstance(spectrum, int | float) and spectrum != OPTIMAL:
-        raise ArgumentError(f"spectrum: given {spectrum!r}, expected a power of the frequency, or {OPTIMAL!r}")
+        raise ArgumentError(
+            f"spectrum: given {spectrum!r}, expected a power of the frequency, or {OPTIMAL!r}"
+        )
     speed = motor_speeds(model, np.asarray(speed_rms, dtype=float))
     return speed_amplitudes(frequencies, speed, 0.5 if isinstance(spectrum, str) else spectrum)
 
 
 def _check_counts(periods: int, transients: int, realizations: int) -> None:
-    counts = {"periods": (periods, 2), "transients": (transients, 0), "realizations": (realizations, 1)}
+    counts = {
+        "periods": (periods, 2),
+        "transients": (transients, 0),
+        "realizations": (realizations, 1),
+    }
     for name, (value, least) in counts.items():
         count_of(name, value, PERIODS, least)
 
@@ -149,7 +168,9 @@ def default_free(model: RobotModel) -> list[str]:
     viscous = [f"{motor.name}.viscous" for motor in model.motors if motor.friction.viscous != 0.0]
     names = [name for name in (*FREE, *viscous) if has_group(model, name)]
     if not names:
-        raise ArgumentError(f"free: given none, expected names: {model.title} has no springs or viscous friction")
+        raise ArgumentError(
+            f"free: given none, expected names: {model.title} has no springs or viscous friction"
+        )
     return names
 
 
@@ -168,12 +189,16 @@ def default_cascade(model: RobotModel, sample_s: float = 5e-4) -> Cascade:
     return Cascade(np.full(n, POSITION_GAIN), gain, np.zeros(n))
 
 
-def _band(model: RobotModel, f_min: float | None, f_max: float | None, hardware: DriveHardware) -> tuple[float, float]:
+def _band(
+    model: RobotModel, f_min: float | None, f_max: float | None, hardware: DriveHardware
+) -> tuple[float, float]:
     most = 0.2 / hardware.sample_s
     if f_min is None or f_max is None:
         equations = derive(model)
         linear = linearize(equations, hold_joints(equations, np.array(model.home)))
-        squares = np.sort(np.abs(np.linalg.eigvals(np.linalg.solve(linear.M, linear.K))))[model.n_m :]
+        squares = np.sort(np.abs(np.linalg.eigvals(np.linalg.solve(linear.M, linear.K))))[
+            model.n_m :
+        ]
         if len(squares) == 0:
             raise ArgumentError(
                 f"f_min, f_max: the model {model.name} has no elastic natural frequency; name a band in Hz"
@@ -207,15 +232,21 @@ def _with_poses(
                 f"poses, criterion: given {poses!r}, {criterion!r}, expected >= 1 and one of {expected}"
             )
         swing = _swing(plan)
-        offered = operating_points.candidates(model, CANDIDATES if criterion != "random" else int(poses), seed)
+        offered = operating_points.candidates(
+            model, CANDIDATES if criterion != "random" else int(poses), seed
+        )
         offered = offered[[_within(model, pose, swing) is None for pose in offered]]
         if len(offered) == 0:
-            raise ArgumentError("speed_rms: the motion leaves the limits of the joints at every pose; expected less")
+            raise ArgumentError(
+                "speed_rms: the motion leaves the limits of the joints at every pose; expected less"
+            )
         if criterion == "random":
             plan = replace(plan, poses=offered)
         else:
             every = max(1, len(plan.lines) // 20)  # twenty lines tell which pose is better
-            F, used = operating_points.information(vector, plan, offered, every=every, progress=tell)
+            F, used = operating_points.information(
+                vector, plan, offered, every=every, progress=tell
+            )
             chosen = operating_points.choose(F, int(poses), vector, criterion)
             plan = replace(plan, poses=offered[used[sorted(chosen)]])
     else:
@@ -236,7 +267,9 @@ def _check_reach(plan: Plan, model: RobotModel) -> None:
     for k, pose in enumerate(plan.poses):
         reason = _within(model, pose, swing)
         if reason is not None:
-            raise ArgumentError(f"pose {k + 1}: {reason}; take less speed_rms, a higher f_min, or another pose")
+            raise ArgumentError(
+                f"pose {k + 1}: {reason}; take less speed_rms, a higher f_min, or another pose"
+            )
     _check_speeds(plan, model)
 
 
@@ -253,7 +286,9 @@ def _predict_accuracy(plan: Plan, vector: ParameterVector, spectrum: float | str
 def _swing(plan: Plan) -> np.ndarray:
     """Largest deviation of each motor from the pose [rad], over all experiments, (n_m,)."""
     found = [
-        np.abs(plan.reference(r, e)).max(axis=0) for r in range(plan.realizations) for e in range(plan.experiments)
+        np.abs(plan.reference(r, e)).max(axis=0)
+        for r in range(plan.realizations)
+        for e in range(plan.experiments)
     ]
     return np.max(found, axis=0)
 
@@ -281,10 +316,15 @@ def _check_speeds(plan: Plan, model: RobotModel) -> None:
             speed = np.diff(np.vstack([q, q[:1]]), axis=0) / plan.hardware.sample_s
             motors = np.maximum(motors, np.abs(speed).max(axis=0))
             joints = np.maximum(joints, np.abs(speed @ inverse).max(axis=0))
-    limits = [(f"motor {m.name}", m.speed_max, float(v)) for m, v in zip(model.motors, motors, strict=True)]
+    limits = [
+        (f"motor {m.name}", m.speed_max, float(v))
+        for m, v in zip(model.motors, motors, strict=True)
+    ]
     for i, v in zip(model.i_g, joints, strict=True):
         dof = model.coordinates[i].dof
-        limits.append((f"joint {model.coordinates[i].name}", None if dof is None else dof.speed_max, float(v)))
+        limits.append(
+            (f"joint {model.coordinates[i].name}", None if dof is None else dof.speed_max, float(v))
+        )
     for name, limit, largest in limits:
         if limit is not None and largest > limit:
             raise ArgumentError(

@@ -79,9 +79,13 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180}
 TORQUE_UNITS = {"N m": 1.0, "A": 1.0}
 SIDES = ("motor", "arm")
-JITTER = 0.05  # of a sample time: larger differences are lost samples, smaller ones the rounding of a clock
-WRAP = 1.0  # rad: a larger step between two samples, and far larger than all others, is an encoder that wraps
-REPEATED = 0.005  # of the samples: jumps after repeated ones from which on a recording is refused; a real arm has 0.003
+# of a sample time: larger differences are lost samples, smaller ones the rounding of a clock
+JITTER = 0.05
+# rad: a larger step between two samples, and far larger than all others, is an encoder that wraps
+WRAP = 1.0
+# of the samples: jumps after repeated ones from which on a recording is refused; a real arm has
+# 0.003
+REPEATED = 0.005
 CLIPPED = 3  # equal samples in a row at the largest torque
 SIZE_MAX = 2_000_000_000  # bytes of a file
 
@@ -120,7 +124,9 @@ def read_description(path: str | Path) -> Description:
     """
     source = Path(path)
     if not source.is_file():
-        raise ArgumentError(f"experiment: given {str(path)!r}, which is not a file, expected a .toml or .npz file")
+        raise ArgumentError(
+            f"experiment: given {str(path)!r}, which is not a file, expected a .toml or .npz file"
+        )
     root = Table(str(source), parse_file(source, str(source)), "")
     root.only(*KEYS)
     try:
@@ -145,8 +151,12 @@ def read_description(path: str | Path) -> Description:
         recordings.append((table, Recording(_beside(source, table), clock, shifted, model)))
     steps = [recording.sample_s for _, recording in recordings]
     if (max(steps) / min(steps) - 1) * (min(len(one.t) for _, one in recordings) - 1) > 2 * JITTER:
-        raise ArgumentError(f"{source}: given recordings with sample times {sorted(set(steps))} s, expected one")
-    return Description(source, root, model, tuple(signal.of for signal in signals), tuple(recordings))
+        raise ArgumentError(
+            f"{source}: given recordings with sample times {sorted(set(steps))} s, expected one"
+        )
+    return Description(
+        source, root, model, tuple(signal.of for signal in signals), tuple(recordings)
+    )
 
 
 def _beside(source: Path, table: Table) -> Path:
@@ -170,7 +180,10 @@ def _shift(table: Table, channels: tuple[list[_Channel], ...]) -> tuple[list[_Ch
     more = {name: offsets.number(name, 0.0) for name in names}
     return (
         channels[0],
-        *([replace(channel, offset=channel.offset + more[channel.of]) for channel in kind] for kind in channels[1:]),
+        *(
+            [replace(channel, offset=channel.offset + more[channel.of]) for channel in kind]
+            for kind in channels[1:]
+        ),
     )
 
 
@@ -216,9 +229,15 @@ def _signals(root: Table, model: RobotModel) -> list[_Channel]:
         sensor, units = of[name], UNITS[of[name].type]
         own = dict(zip(sensor.channels, sensor.units, strict=True))[name]
         if sensor.type == "link_encoder":
-            units = {unit: x for unit, x in units.items() if (unit in ANGLE_UNITS) == (own == "rad")}
+            units = {
+                unit: x for unit, x in units.items() if (unit in ANGLE_UNITS) == (own == "rad")
+            }
         elif sensor.of_force:
-            units = {unit: x for unit, x in (units | {"N m": 1.0}).items() if (unit == "N m") == (own == "N m")}
+            units = {
+                unit: x
+                for unit, x in (units | {"N m": 1.0}).items()
+                if (unit == "N m") == (own == "N m")
+            }
         unit = table.choice("unit", tuple(units))
         found.append(_channel(table, name, units[unit]))
     return found
@@ -267,16 +286,27 @@ class Recording:
         """A channel in SI units on the motor side."""
         if channel.name not in self.arrays:
             listed = ", ".join(sorted(self.arrays))
-            raise ArgumentError(f"{self.file}: given no channel {channel.name!r}, expected one of {listed}")
+            raise ArgumentError(
+                f"{self.file}: given no channel {channel.name!r}, expected one of {listed}"
+            )
         x = np.asarray(self.arrays[channel.name])
         if channel.index is not None:
             x = self._row(x, channel)
-        if not np.issubdtype(x.dtype, np.number) or np.iscomplexobj(x) or x.size < 3 or x.size != max(x.shape):
-            raise ArgumentError(f"{self.file}: channel {channel.name!r}: given shape {x.shape}, expected numbers (n,)")
+        if (
+            not np.issubdtype(x.dtype, np.number)
+            or np.iscomplexobj(x)
+            or x.size < 3
+            or x.size != max(x.shape)
+        ):
+            raise ArgumentError(
+                f"{self.file}: channel {channel.name!r}: given shape {x.shape}, expected numbers (n,)"
+            )
         x = x.ravel().astype(float)
         bad = np.flatnonzero(~np.isfinite(x))
         if len(bad):
-            raise ArgumentError(f"{self.file}: channel {channel.name!r}: sample {bad[0]} is not a finite number")
+            raise ArgumentError(
+                f"{self.file}: channel {channel.name!r}: sample {bad[0]} is not a finite number"
+            )
         return (x + channel.offset) * channel.factor
 
     def _row(self, x: np.ndarray, channel: _Channel) -> np.ndarray:
@@ -292,7 +322,11 @@ class Recording:
     def _sample_time(self) -> float:
         steps = np.diff(self.t)
         step = float(np.median(steps))
-        wrong = np.flatnonzero(np.abs(steps - step) > JITTER * abs(step)) if step > 0 else np.zeros(1, int)
+        wrong = (
+            np.flatnonzero(np.abs(steps - step) > JITTER * abs(step))
+            if step > 0
+            else np.zeros(1, int)
+        )
         if len(wrong):
             k = int(wrong[0])
             raise ArgumentError(
@@ -331,7 +365,9 @@ class Recording:
             row = at_top[: -CLIPPED + 1] & at_top[1 : -CLIPPED + 2] & at_top[2:]
             if row.any() or (limit is not None and top >= 0.999 * limit):
                 k = int(np.argmax(at_top))
-                raise ArgumentError(f"{where}: at its limit of {top:.4g} N m at t = {self.t[k]:.6g} s: excite less")
+                raise ArgumentError(
+                    f"{where}: at its limit of {top:.4g} N m at t = {self.t[k]:.6g} s: excite less"
+                )
 
 
 def _describe(kind: str, channel: _Channel) -> str:

@@ -15,7 +15,12 @@ from flexgen.codegen.digest import model_digest
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import HOLDS, Experiment
-from flexgen.identification.recordings.description import Description, Recording, is_description, read_description
+from flexgen.identification.recordings.description import (
+    Description,
+    Recording,
+    is_description,
+    read_description,
+)
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.numerics.spectra import all_spectra_beside, spectrum, windowed_spectrum
@@ -62,12 +67,17 @@ def read_experiment(path: str | Path) -> Experiment:
     for table, recording in found.recordings:
         joints = table.angles("pose", [model.coordinates[i].unit == "rad" for i in model.i_g])
         if beyond := beyond_range(model, np.array([joints])):
-            raise table.fail("pose_deg" if "pose_deg" in table else "pose_rad", f"a pose of the robot: {beyond[0]}")
+            raise table.fail(
+                "pose_deg" if "pose_deg" in table else "pose_rad",
+                f"a pose of the robot: {beyond[0]}",
+            )
         poses.setdefault(tuple(joints), []).append(_parts(recording, period, transients, periodic))
     return _experiment(found, poses)
 
 
-def _parts(recording: Recording, period_s: float, transients: int, periodic: bool) -> tuple[np.ndarray, ...]:
+def _parts(
+    recording: Recording, period_s: float, transients: int, periodic: bool
+) -> tuple[np.ndarray, ...]:
     """Torques, angles and signals in whole periods, or in segments that overlap by half: (parts, samples, n)."""
     file, n = recording.file, len(recording.t)
     whole = period_s / recording.sample_s
@@ -91,29 +101,42 @@ def _parts(recording: Recording, period_s: float, transients: int, periodic: boo
     )
 
 
-def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]]) -> Experiment:
+def _experiment(
+    found: Description, poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]]
+) -> Experiment:
     """The spectra at the lines, (poses, 1, experiments, periods, lines, n_m)."""
     root, model, sensors = found.root, found.model, found.sensors
     sample_s = found.recordings[0][1].sample_s
     counts = {len(runs) for runs in poses.values()}
     lengths = {x.shape[:2] for runs in poses.values() for run in runs for x in run}
     if len(counts) > 1 or len(lengths) > 1:
-        raise root.fail("recording", "the same number of recordings, and of whole periods in each, at every pose")
+        raise root.fail(
+            "recording",
+            "the same number of recordings, and of whole periods in each, at every pose",
+        )
     experiments, (periods, _) = counts.pop(), lengths.pop()
     if experiments < model.n_m:
-        raise root.fail("recording", f"at least {model.n_m} recordings at each pose, one for each motor")
+        raise root.fail(
+            "recording", f"at least {model.n_m} recordings at each pose, one for each motor"
+        )
     periodic = "segment_s" not in root
     period = root.number("period_s" if periodic else "segment_s", above=0.0)
     # (poses, experiments, periods, samples, n)
-    tau, q, signals, references = (np.array([[run[k] for run in runs] for runs in poses.values()]) for k in range(4))
-    excited = references if references.shape[-1] else tau  # friction moves the torques at other lines too
+    tau, q, signals, references = (
+        np.array([[run[k] for run in runs] for runs in poses.values()]) for k in range(4)
+    )
+    # friction moves the torques at other lines too
+    excited = references if references.shape[-1] else tau
     lines = _lines(root, excited, period, REFERENCE if references.shape[-1] else EXCITED)
     transformed = spectrum if periodic else windowed_spectrum
     # (poses, realizations, experiments, periods, lines, n)
     tau_m, q_m, sensed = (
-        np.array([[[[transformed(p, lines) for p in run] for run in runs]] for runs in x]) for x in (tau, q, signals)
+        np.array([[[[transformed(p, lines) for p in run] for run in runs]] for runs in x])
+        for x in (tau, q, signals)
     )
-    beside = all_spectra_beside(np.concatenate([tau, q, signals], axis=-1), lines) if periodic else {}
+    beside = (
+        all_spectra_beside(np.concatenate([tau, q, signals], axis=-1), lines) if periodic else {}
+    )
     w = 2 * np.pi * lines / period
     speed = np.sqrt((np.abs(w[:, None] * q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
     n = model.n_m
@@ -159,7 +182,9 @@ def _drive(root: Table, sample_s: float, n: int) -> tuple[DriveHardware, Cascade
     for name, form in (("low_pass", LOW_PASS), ("notch", NOTCH)):
         inner = table.table(name)
         if inner is not None:
-            filters.append(read(inner, form.typed(**dict.fromkeys(form.names, number(above=0.0))), Context()))
+            filters.append(
+                read(inner, form.typed(**dict.fromkeys(form.names, number(above=0.0))), Context())
+            )
     resolution, encoder, torque = (table.number(key, 0.0, least=0.0) for key in NOISES)
     cascade = Cascade(position, speed, integral, tuple(filters))
     return DriveHardware(sample_s, delay, resolution, encoder, torque), cascade

@@ -70,31 +70,43 @@ def gear_deflection(
     """
     arrays = [np.asarray(x, dtype=float) for x in (t, q_motor, q_link, tau)]
     if any(x.shape != arrays[0].shape or x.ndim != 1 for x in arrays):
-        raise ArgumentError(f"deflection: given shapes {', '.join(str(x.shape) for x in arrays)}, expected four (n,)")
+        raise ArgumentError(
+            f"deflection: given shapes {', '.join(str(x.shape) for x in arrays)}, expected four (n,)"
+        )
     if not all(np.isfinite(x).all() for x in arrays):
         raise ArgumentError("deflection: given numbers that are not finite, expected finite ones")
     step = float(arrays[0][-1] - arrays[0][0]) / max(len(t) - 1, 1)
     length = max(1, round(BLOCK_S / step))
     blocks = len(t) // length
     if blocks < 10:
-        raise ArgumentError(f"deflection: given {len(t) * step:.3g} s, expected {10 * BLOCK_S} s at least")
+        raise ArgumentError(
+            f"deflection: given {len(t) * step:.3g} s, expected {10 * BLOCK_S} s at least"
+        )
     speed = np.gradient(arrays[1], step)
     difference = arrays[1] - arrays[2]
     columns = np.column_stack([arrays[3], speed, np.ones_like(speed)])
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     # normal equations of each block: a draw is a sum of them
-    X, y = (columns / scale)[: blocks * length].reshape(blocks, length, 3), difference[: blocks * length]
+    X, y = (
+        (columns / scale)[: blocks * length].reshape(blocks, length, 3),
+        difference[: blocks * length],
+    )
     A = np.einsum("bij,bik->bjk", X, X)
     b = np.einsum("bij,bi->bj", X, y.reshape(blocks, length))
     found = np.linalg.solve(A.sum(axis=0), b.sum(axis=0)) / scale
     drawn = np.random.default_rng(seed).integers(0, blocks, (DRAWS, blocks))
-    compliance = np.linalg.solve(A[drawn].sum(axis=1), b[drawn].sum(axis=1)[..., None])[:, 0, 0] / scale[0]
+    compliance = (
+        np.linalg.solve(A[drawn].sum(axis=1), b[drawn].sum(axis=1)[..., None])[:, 0, 0] / scale[0]
+    )
     low, high = np.quantile(compliance, INTERVAL)
     without = np.linalg.lstsq(columns[:, 1:], difference, rcond=None)[0]
     rest, all_of_it = difference - columns @ found, difference - columns[:, 1:] @ without
     return GearDeflection(
         stiffness=None if low <= 0 or found[0] <= 0 else float(1 / found[0]),
-        interval=(float(1 / high) if high > 0 else float("inf"), float(1 / low) if low > 0 else float("inf")),
+        interval=(
+            float(1 / high) if high > 0 else float("inf"),
+            float(1 / low) if low > 0 else float("inf"),
+        ),
         skew_s=float(found[1]),
         explained=float(1 - np.var(rest) / max(np.var(all_of_it), 1e-300)),
     )

@@ -33,7 +33,13 @@ class RecordingWriter:
         follow_links(folder).mkdir(parents=True, exist_ok=True)
 
     def __call__(
-        self, pose: int, realization: int, experiment: int, q_m: np.ndarray, tau_m: np.ndarray, signals: np.ndarray
+        self,
+        pose: int,
+        realization: int,
+        experiment: int,
+        q_m: np.ndarray,
+        tau_m: np.ndarray,
+        signals: np.ndarray,
     ) -> None:
         """Write one recording."""
         name = f"pose{pose + 1}_realization{realization + 1}_experiment{experiment + 1}.npz"
@@ -59,16 +65,29 @@ class RecordingWriter:
             f"line_numbers = {plan.lines.tolist()}",
             '\n[time]\nname = "t"\nunit = "s"',
         ]
-        for kind, unit, letter in (("torque", "N m", "tau"), ("angle", "rad", "q"), ("reference", "rad", "ref")):
+        for kind, unit, letter in (
+            ("torque", "N m", "tau"),
+            ("angle", "rad", "q"),
+            ("reference", "rad", "ref"),
+        ):
             for j, motor in enumerate(plan.motors):
                 rows.append(
                     f'\n[[{kind}]]\nmotor = "{motor}"\nname = "{letter}_{j + 1}"\nunit = "{unit}"\nside = "motor"'
                 )
-        units = {c: unit for s in self.model.sensors for c, unit in zip(s.channels, s.units, strict=True)}
+        units = {
+            c: unit for s in self.model.sensors for c, unit in zip(s.channels, s.units, strict=True)
+        }
         for c, sensor in enumerate(plan.sensors):
-            rows.append(f'\n[[signal]]\nsensor = "{sensor}"\nname = "s_{c + 1}"\nunit = "{units[sensor]}"')
-        gains = {name: getattr(plan.controller, name) for name in ("position_gain", "speed_gain", "integral_gain")}
-        rows.append("\n[drive]" + "".join(f"\n{name} = {values.tolist()}" for name, values in gains.items()))
+            rows.append(
+                f'\n[[signal]]\nsensor = "{sensor}"\nname = "s_{c + 1}"\nunit = "{units[sensor]}"'
+            )
+        gains = {
+            name: getattr(plan.controller, name)
+            for name in ("position_gain", "speed_gain", "integral_gain")
+        }
+        rows.append(
+            "\n[drive]" + "".join(f"\n{name} = {values.tolist()}" for name, values in gains.items())
+        )
         for name in ("encoder_noise_rad", "encoder_resolution_rad", "torque_noise_Nm"):
             rows.append(f"{name} = {getattr(plan.hardware, name)!r}")
         joints = plan.poses @ np.linalg.inv(self.model.eta).T

@@ -12,8 +12,10 @@ import numpy as np
 
 from flexgen.spec.explained_status import ExplainedStatus
 
-WORSE = 2.0  # errors on recordings that were left out over those of the fit, from which on the fit fails there
-SMALL, LARGE = 0.1, 1 / 3  # errors over the deviation of the torque: too small to fail, and a model error
+# errors on recordings that were left out over those of the fit, from which on the fit fails there
+WORSE = 2.0
+# errors over the deviation of the torque: too small to fail, and a model error
+SMALL, LARGE = 0.1, 1 / 3
 
 NOTICED = 1e-3  # errors over the deviation of the torque, below which no mistake is looked for
 
@@ -67,5 +69,9 @@ def status_of(
         return RigidStatus.MODEL_ERROR
     if there is None or there_scale is None:
         return RigidStatus.NOT_CHECKED
-    worse = (there > WORSE * fitted) & (there / there_scale > WORSE * fitted / scale) & (there > SMALL * there_scale)
+    worse = (
+        (there > WORSE * fitted)
+        & (there / there_scale > WORSE * fitted / scale)
+        & (there > SMALL * there_scale)
+    )
     return RigidStatus.POORLY_VALIDATED if worse.any() else RigidStatus.FITTED

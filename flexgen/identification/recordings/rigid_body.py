@@ -38,11 +38,16 @@ from flexgen.numerics.residual_statistics import covariance, parts_of, rms
 from flexgen.numerics.trust_region import Sums, minimize
 
 PRIOR = 1.0  # relative deviation of the bodies of the model file
-LARGEST = 0.01  # rad, or lengths of bodies: deviation of a deflection that the file does not have, under the torques
-LATE = 1.5e-3  # of the period of the band: deviation of the delay of the torques; a sample where that is more
-ROUNDS, MOST = 4, 25  # of fits with deviations from the residuals of the last one, at least and at most
+# rad, or lengths of bodies: deviation of a deflection that the file does not have, under the
+# torques
+LARGEST = 0.01
+# of the period of the band: deviation of the delay of the torques; a sample where that is more
+LATE = 1.5e-3
+# of fits with deviations from the residuals of the last one, at least and at most
+ROUNDS, MOST = 4, 25
 FADES_SETTLED = 1e-3  # relative change
-SETTLED, SETTLED_SD = 3e-6, 0.2  # change of the delay, in such periods, and over its deviation: it has settled
+# change of the delay, in such periods, and over its deviation: it has settled
+SETTLED, SETTLED_SD = 3e-6, 0.2
 PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
 
 
@@ -118,7 +123,9 @@ class RigidFit:
         """
         if self.status is RigidStatus.MODEL_ERROR:
             return self
-        (error, scale), (there, there_scale) = (self._errors(motions) for motions in (fitted, others))
+        (error, scale), (there, there_scale) = (
+            self._errors(motions) for motions in (fitted, others)
+        )
         return replace(self, status=rigid_accuracy.status_of(error, scale, there, there_scale))
 
     def _columns(self, motions: Sequence[Motion], limit: float = np.inf) -> Columns:
@@ -129,7 +136,11 @@ class RigidFit:
 
     def _errors(self, motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
         """Rms of the errors and deviations of the torques of samples that move (n_m,)."""
-        return self._columns(motions, self.limit_hz).below(self.limit_hz).errors(self.pi, self.friction)
+        return (
+            self._columns(motions, self.limit_hz)
+            .below(self.limit_hz)
+            .errors(self.pi, self.friction)
+        )
 
     def torques(self, motion: Motion) -> np.ndarray:
         """Torques of the motors along a motion (n, n_m) [N m], motor side."""
@@ -187,8 +198,12 @@ def identify_rigid(
     limit, file = band_of(regressor, motions), regressor.of_model()
     flat = Columns(regressor, motions, extra, limit)
     load = np.sqrt(np.mean((np.vstack(flat.measured) @ robot.eta) ** 2, axis=0))
-    size = np.where([robot.coordinates[i].unit == "rad" for i in robot.i_g], 1.0, np.divide(*units(file)[1::-1]))
-    lags_sd = np.append(LARGEST * size / np.maximum(load, 1e-12), max(LATE * flat.period, motions[0].step))
+    size = np.where(
+        [robot.coordinates[i].unit == "rad" for i in robot.i_g], 1.0, np.divide(*units(file)[1::-1])
+    )
+    lags_sd = np.append(
+        LARGEST * size / np.maximum(load, 1e-12), max(LATE * flat.period, motions[0].step)
+    )
     weak = _Prior(file, prior * scales(file), lags_sd)
     at = _Numbers(file, np.zeros((robot.n_m, flat.F[0].shape[2])), np.zeros(robot.n_g + 1))
     mistake, sd = None, np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
@@ -199,8 +214,14 @@ def identify_rigid(
         error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
         error_rms, scale = columns.errors(at.pi, at.friction)
         terms, information = columns.by_motor(), weak.information(at.friction.size)
-        weight, n, m = 1.0 / (sd * np.sqrt(columns.correlated)), len(file), len(file) + at.friction.size
-        found = covariance(terms, error, weight, information, max(1, round(BLOCK * flat.period / columns.step)))
+        weight, n, m = (
+            1.0 / (sd * np.sqrt(columns.correlated)),
+            len(file),
+            len(file) + at.friction.size,
+        )
+        found = covariance(
+            terms, error, weight, information, max(1, round(BLOCK * flat.period / columns.step))
+        )
         if not (error_rms > rigid_accuracy.NOTICED * scale).any():
             break
         mistake, more = find_causes(whole, limit, at[:2], terms, error, weight, information)
@@ -209,12 +230,16 @@ def identify_rigid(
         flat, at = _with_fades(flat, flat.fades + more, at)
     there = None if parts == 0 else _leave_out(columns, weak, at, sd, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
-    possible = is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale, flat.fades)
+    possible = is_possible(
+        robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale, flat.fades
+    )
     settled = change < max(SETTLED * flat.period, SETTLED_SD * np.sqrt(found[-1, -1]))
     if mistake is not None or not settled or not possible:
         status = RigidStatus.MODEL_ERROR
     return RigidFit(
-        model=rigid_model(robot, regressor.bodies(at.pi), extra, at.friction, flat.fades, flat.speed),
+        model=rigid_model(
+            robot, regressor.bodies(at.pi), extra, at.friction, flat.fades, flat.speed
+        ),
         file=robot,
         pi=at.pi,
         friction=at.friction,
@@ -266,7 +291,11 @@ def _with_fades(flat: Columns, fades: np.ndarray, at: _Numbers) -> tuple[Columns
 
 
 def _check(
-    robot: RobotModel, motions: Sequence[Motion], counterbalance: Mapping[str, int], prior: float, parts: int
+    robot: RobotModel,
+    motions: Sequence[Motion],
+    counterbalance: Mapping[str, int],
+    prior: float,
+    parts: int,
 ) -> None:
     """Refuse arguments of `identify_rigid` that do not fit the robot or each other."""
     joints = [robot.coordinates[i].name for i in robot.i_g]
@@ -283,7 +312,9 @@ def _check(
             np.count_nonzero(robot.eta[:, joints.index(name)]) > 1
             or robot.coordinates[robot.i_g[joints.index(name)]].unit != "rad"
         ):
-            raise ArgumentError(f"counterbalance: given {name!r}, expected a rotation with a motor of its own")
+            raise ArgumentError(
+                f"counterbalance: given {name!r}, expected a rotation with a motor of its own"
+            )
     for motion in motions:
         if motion.q.shape[1] != robot.n_g or motion.tau_m.shape[1] != robot.n_m:
             raise ArgumentError(
@@ -300,7 +331,9 @@ def _check(
         raise ArgumentError(f"parts: given {parts!r}, expected 0 or 2 to {PARTS_MOST}")
 
 
-def _leave_out(columns: Columns, prior: _Prior, at: _Numbers, sd: np.ndarray, parts: int) -> np.ndarray:
+def _leave_out(
+    columns: Columns, prior: _Prior, at: _Numbers, sd: np.ndarray, parts: int
+) -> np.ndarray:
     """Rms errors (n_m,) on each part of the recordings of the fit to all others."""
     pieces, error, moving = parts_of([len(m) for m in columns.measured], parts), [], []
     for one in pieces:
@@ -315,7 +348,9 @@ def _leave_out(columns: Columns, prior: _Prior, at: _Numbers, sd: np.ndarray, pa
 
 def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray) -> _Numbers:
     """The numbers of least weighted squares; friction and lags are eliminated, since the torques are linear in them."""
-    Y, F, Z, known, held = (np.concatenate(x) for x in (columns.Y, columns.F, columns.Z, columns.known, columns.held))
+    Y, F, Z, known, held = (
+        np.concatenate(x) for x in (columns.Y, columns.F, columns.Z, columns.known, columns.held)
+    )
     target = np.concatenate(columns.measured) - known - held
     weight = 1.0 / (sd * np.sqrt(columns.correlated))
     X, reduced_X, reduced_t, solvers = np.concatenate([Y, Z], axis=2), [], [], []
@@ -329,7 +364,9 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
     big, n = np.vstack(reduced_X), len(prior.pi)
     N, b = big.T @ big, big.T @ np.concatenate(reduced_t)
     P = prior.lags_sd**-2.0
-    lagged = np.linalg.solve(N[n:, n:] + np.diag(P), np.column_stack([N[n:, :n], b[n:] - P * start.lags]))
+    lagged = np.linalg.solve(
+        N[n:, n:] + np.diag(P), np.column_stack([N[n:, :n], b[n:] - P * start.lags])
+    )
     N, b = N[:n, :n] - N[:n, n:] @ lagged[:, :n], b[:n] - N[:n, n:] @ lagged[:, n]
     maps, square = Feasible(n // 10, units(prior.pi)), sum(float(t @ t) for t in reduced_t)
 
@@ -348,4 +385,6 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
     pi = maps.pi(minimize(sums, cost, x, x, np.full(len(x), 1e3), (-free, free)).x)
     change = lagged[:, n] - lagged[:, :n] @ pi
     rest = target - Y @ pi - Z @ change
-    return _Numbers(pi, np.array([solve @ rest[:, j] for j, solve in enumerate(solvers)]), start.lags + change)
+    return _Numbers(
+        pi, np.array([solve @ rest[:, j] for j, solve in enumerate(solvers)]), start.lags + change
+    )

@@ -24,7 +24,8 @@ from flexgen.progress import Choice, reported
 from flexgen.results import Result
 
 STEP = 1e-6  # of differences
-ROUNDING = 1e-15  # kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
+# kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
+ROUNDING = 1e-15
 FRICTION = ("viscous", "coulomb", "beta", "offset")
 FALLING = ("stribeck", "alpha")
 
@@ -66,17 +67,25 @@ class RigidIdentification(Result):
         """As JSON types, SI units; stiffnesses on the arm side with their 90 % interval."""
         fit = self.fit
         names = ("stiffness", "interval", "skew_s")
-        gears = {joint: {name: getattr(gear, name) for name in names} for joint, gear in self.gears.items()}
+        gears = {
+            joint: {name: getattr(gear, name) for name in names}
+            for joint, gear in self.gears.items()
+        }
         data = {
             "model": fit.model.name,
             "status": fit.status,
-            "parameters": [{"name": k, "value": x, "sd": self.deviations.get(k)} for k, x in self.numbers.items()],
+            "parameters": [
+                {"name": k, "value": x, "sd": self.deviations.get(k)}
+                for k, x in self.numbers.items()
+            ],
             "base_parameters": fit.base_parameters,
             "mistake": None if fit.mistake is None else vars(fit.mistake),
             "motors": [motor.name for motor in fit.model.motors],
             "relative_errors": self.errors,
             "limit_hz": fit.limit_hz if np.isfinite(fit.limit_hz) else None,
-            "lags": [{"name": k, "unit": unit, "value": x, "sd": sd} for k, unit, x, sd in self.lags],
+            "lags": [
+                {"name": k, "unit": unit, "value": x, "sd": sd} for k, unit, x, sd in self.lags
+            ],
             "bodies": {element.name: vars(element.body) for element in fit.model.elements},
         }
         return dict(plain(data | ({"gear_stiffness": gears} if gears else {})))
@@ -111,7 +120,9 @@ def identify_bodies(
     if callable(progress):
         progress(f"fitting the bodies of {model.name} to {len(data.recordings)} recordings")
     fitted = motions_of(data)
-    fit = identify_rigid(model, fitted, counterbalance=counterbalance, **({} if others is None else {"parts": 0}))
+    fit = identify_rigid(
+        model, fitted, counterbalance=counterbalance, **({} if others is None else {"parts": 0})
+    )
     errors = {"fitted": [fit.relative_errors(motion).tolist() for motion in fitted]}
     if others is not None:
         errors["validated"] = [fit.relative_errors(motion).tolist() for motion in others]
@@ -127,7 +138,9 @@ def gear_deflections(fit: RigidFit, data: Description) -> dict[str, GearDeflecti
     names = [model.coordinates[i].name for i in model.i_g]
     sensors = {name: sensor for sensor in model.sensors for name in sensor.channels}
     motions = motions_of(data)
-    torques, joints = (np.vstack(x) for x in ([fit.gear_torques(m) for m in motions], [m.q for m in motions]))
+    torques, joints = (
+        np.vstack(x) for x in ([fit.gear_torques(m) for m in motions], [m.q for m in motions])
+    )
     t = data.recordings[0][1].sample_s * np.arange(len(joints))
     out = {}
     for c, sensor in enumerate(sensors[channel] for channel in data.sensors):
@@ -194,7 +207,10 @@ def rigid_deviations(fit: RigidFit) -> dict[str, float]:
         if motor.friction.stribeck:
             columns, names = [*columns, -2, -1], [*names, *FALLING]
         size = [ratio, 1.0, 1.0, ratio, 1.0, ratio][: len(names)]
-        out |= {f"{motor.name}.{name}": float(x) for name, x in zip(names, sd[j, columns] / size, strict=True)}
+        out |= {
+            f"{motor.name}.{name}": float(x)
+            for name, x in zip(names, sd[j, columns] / size, strict=True)
+        }
     names = [model.coordinates[i].name for i in model.i_g]
     for name, (j, column) in _balance_places(fit).items():
         ratio = float(abs(model.eta[j, names.index(name.partition(".")[0])]))
@@ -227,19 +243,24 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
     )
     note = "" if fit.status.has_deviations else f"{fit.status}, no standard deviations"
     sd = {name: f"{value:.2g}" for name, value in rigid_deviations(fit).items()}
-    return write_model(path, _with_places(fit), rigid_numbers(fit), sd, source, head=head, note=note)
+    return write_model(
+        path, _with_places(fit), rigid_numbers(fit), sd, source, head=head, note=note
+    )
 
 
 def _with_places(fit: RigidFit) -> RobotModel:
     """The model before the fit, with zero counterbalances where the fit has some: so that their numbers have names."""
-    longer = {dof.name: len(dof.counterbalance) for element in fit.model.elements for dof in element.dofs}
+    longer = {
+        dof.name: len(dof.counterbalance) for element in fit.model.elements for dof in element.dofs
+    }
     elements = tuple(
         replace(
             e,
             dofs=tuple(
                 replace(
                     dof,
-                    counterbalance=dof.counterbalance + ((0.0, 0.0),) * (longer[dof.name] - len(dof.counterbalance)),
+                    counterbalance=dof.counterbalance
+                    + ((0.0, 0.0),) * (longer[dof.name] - len(dof.counterbalance)),
                 )
                 for dof in e.dofs
             ),

@@ -37,7 +37,8 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, PathSample
 
 SAMPLES = 200_000  # at most
-MARGIN = 8  # samples at rest on either side of the motion, for the derivatives of a spline at its ends
+# samples at rest on either side of the motion, for the derivatives of a spline at its ends
+MARGIN = 8
 ROUNDS = 1  # at most: one more would need two more derivatives of the path
 NEWTON_STEPS = 30
 CLOSE = 1e-11  # relative change at which Newton's method stops
@@ -70,7 +71,9 @@ def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
     problem.check_options("quasistatic", "rounds")
     rounds = problem.options.get("rounds", 0)
     if isinstance(rounds, bool) or rounds not in range(ROUNDS + 1):
-        raise ArgumentError(f"options: method quasistatic was given rounds {rounds!r}, expected 0 to {ROUNDS}")
+        raise ArgumentError(
+            f"options: method quasistatic was given rounds {rounds!r}, expected 0 to {ROUNDS}"
+        )
     reduction = simply_coupled(problem.equations)
     t = _instants(problem)
     motion = quasistatic_motion(reduction, problem.path, t, rounds)
@@ -88,13 +91,17 @@ def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:
         return reduction.joint_motion(coordinates)
     guess = reduction.follow(path, t, reduction.start(path).q_a)
     guess[:, reduction.i_e] = 0.0
-    return reduction.motion_through(sample, reduction.close(guess, reduction.targets(sample)), [still] * 4)
+    return reduction.motion_through(
+        sample, reduction.close(guess, reduction.targets(sample)), [still] * 4
+    )
 
 
 def stiff_motors(equations: Equations, motion: Motion) -> MotorMotion:
     """Motion of the motors behind stiff gears."""
     i_g = list(equations.model.i_g)
-    return motors_behind(equations, [x[:, i_g] for x in (motion.q, motion.v, motion.a)], motion.tau_g[:, :, 0])
+    return motors_behind(
+        equations, [x[:, i_g] for x in (motion.q, motion.v, motion.a)], motion.tau_g[:, :, 0]
+    )
 
 
 def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: int = 0) -> Motion:
@@ -143,7 +150,9 @@ def _solve_deflections(
     symbols = [ca.SX.sym(f"x{i}", stage.size_in(i)[0]) for i in range(4)]
     rows = stage(*symbols)
     free = [*range(n_a), *(n_a + i for i in i_g), *(2 * n_a + i for i in i_g)]
-    newton = ca.Function("deflected", symbols, [rows, ca.densify(ca.jacobian(rows, symbols[0])[:, free])])
+    newton = ca.Function(
+        "deflected", symbols, [rows, ca.densify(ca.jacobian(rows, symbols[0])[:, free])]
+    )
     X = np.zeros((n, 3 * n_a))
     X[:, :n_a] = q
     X[:, [n_a + i for i in i_e]], X[:, [2 * n_a + i for i in i_e]] = v_e, a_e
@@ -151,9 +160,13 @@ def _solve_deflections(
     for _ in range(NEWTON_STEPS):
         residual, jacobian = evaluate(newton, X, targets, first, second)
         try:
-            step = np.linalg.solve(jacobian.reshape(n, len(free), -1), -residual.reshape(n, -1, 1))[:, :, 0]
+            step = np.linalg.solve(jacobian.reshape(n, len(free), -1), -residual.reshape(n, -1, 1))[
+                :, :, 0
+            ]
         except np.linalg.LinAlgError:
-            raise SolverError("quasi-static deflections: singular pose on the path; choose another path") from None
+            raise SolverError(
+                "quasi-static deflections: singular pose on the path; choose another path"
+            ) from None
         X[:, free] += step
         if not np.isfinite(X).all():
             break
@@ -185,4 +198,6 @@ def _result(t: np.ndarray, motion: Motion, motors: MotorMotion) -> MethodResult:
             "the torque is not finite: a gear spring has no stiffness, or the path is not smooth; check the model, or "
             "raise the smoothness of the move"
         )
-    return MethodResult(t, motion.q, motion.v, motion.a, motion.tau_g[:, :, 0], motors, status=Status.BASELINE)
+    return MethodResult(
+        t, motion.q, motion.v, motion.a, motion.tau_g[:, :, 0], motors, status=Status.BASELINE
+    )

@@ -41,4 +41,6 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     solved = from_library(found, warnings)
     start, end = found.unstable_zeros_start, found.unstable_zeros_end
     details = {**solved.details, "unstable_zeros_start": start, "unstable_zeros_end": end}
-    return replace(solved, details=details, verdict=f"{start} unstable zeros at the end of the motion")
+    return replace(
+        solved, details=details, verdict=f"{start} unstable zeros at the end of the motion"
+    )

@@ -49,15 +49,23 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     if sample.q_g is not None:
         motion = moving.joint_motion(sample.q_g)
     else:
-        q = reduction.close(reduction.follow(path, t, reduction.start(path).q_a), reduction.targets(sample))
+        q = reduction.close(
+            reduction.follow(path, t, reduction.start(path).q_a), reduction.targets(sample)
+        )
         found, _ = moving.motion(sample, q, np.zeros((len(t), 0)))
         if found is None:
-            raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
+            raise SolverError(
+                f"move {path.move.name}: the path passes a singular pose; choose another path"
+            )
         motion = found
     motion = replace(motion, tau_g=differentiate(motion.tau_g[:, :, 0], step)) if kinks else motion
     result = with_motors(equations, t, motion, preactuation=n_pre * step)
     end = problem.at_rest(path.duration)
-    return replace(_append_equilibrium(end, result), warnings=slow_gears(problem)) if n_post else result
+    return (
+        replace(_append_equilibrium(end, result), warnings=slow_gears(problem))
+        if n_post
+        else result
+    )
 
 
 def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray, int]:
@@ -67,7 +75,9 @@ def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray,
     """
     n = int(min(np.ceil(duration / step), SAMPLES))
     n_post = int(min(np.ceil(settling * n / duration), SAMPLES))
-    return np.r_[np.linspace(0.0, duration, n + 1), duration + duration / n * np.arange(1, n_post + 1)], n_post
+    return np.r_[
+        np.linspace(0.0, duration, n + 1), duration + duration / n * np.arange(1, n_post + 1)
+    ], n_post
 
 
 def _append_equilibrium(equations: Equations, result: MethodResult) -> MethodResult:

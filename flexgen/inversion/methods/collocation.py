@@ -55,7 +55,9 @@ class Collocated:
     q: np.ndarray
     nlp: NlpResult
 
-    def dense(self, table: Tableau, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def dense(
+        self, table: Tableau, count: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Times, q_e, v_e and approximate q_a on a grid ``count`` times finer, from the collocation polynomials."""
         h = np.diff(self.nodes)[:, None, None]
         theta = np.arange(count) / count
@@ -110,12 +112,19 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
 
 
 def _smooth_by_spline(
-    reduction: Reduction, sample: PathSample, t: np.ndarray, q: np.ndarray, nodes: np.ndarray, q_e: np.ndarray
+    reduction: Reduction,
+    sample: PathSample,
+    t: np.ndarray,
+    q: np.ndarray,
+    nodes: np.ndarray,
+    q_e: np.ndarray,
 ) -> Motion:
     """The motion whose non-actuated coordinates and derivatives are those of a spline through the solution."""
     # at rest before: without samples from then the derivatives of a spline are poor at its start
     before = nodes[0] - (nodes[1] - nodes[0]) * np.arange(BEFORE, 0, -1)
-    smooth = make_interp_spline(np.r_[before, nodes], np.vstack([np.tile(q_e[0], (len(before), 1)), q_e]), k=7)
+    smooth = make_interp_spline(
+        np.r_[before, nodes], np.vstack([np.tile(q_e[0], (len(before), 1)), q_e]), k=7
+    )
     q = q.copy()
     q[:, reduction.i_e] = smooth(t)
     return reduction.motion_through(
@@ -162,7 +171,12 @@ def collocate(
         X[[level * n_a + i for i in i_g]] = w[level * n_g : (level + 1) * n_g]
     target, y1, y2 = (ca.SX.sym(f"target{i}", reduction.stage.size_in(i)[0]) for i in (1, 2, 3))
     rows = reduction.stage(X, target, y1, y2)
-    values = [*mesh.parameters, reduction.targets(sample).T, sample.derivative(1).T, sample.derivative(2).T]
+    values = [
+        *mesh.parameters,
+        reduction.targets(sample).T,
+        sample.derivative(1).T,
+        sample.derivative(2).T,
+    ]
 
     scale_state = np.r_[np.full(n_e, DEFLECTION), np.full(n_e, RATE)]
     scale_w = np.repeat([1.0, 1.0, ACCELERATION], n_g)
@@ -194,7 +208,9 @@ def collocate(
     return Collocated(nodes, q_e, v_e, a_e, q, result)
 
 
-def _guess(reduction: Reduction, path: Path, mesh: Transcription) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def _guess(
+    reduction: Reduction, path: Path, mesh: Transcription
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Quasi-static motion as a first guess, and the equilibria before and after the path."""
     i_e, i_g, nodes, times = reduction.i_e, reduction.i_g, mesh.nodes, mesh.times
     both = np.unique(np.concatenate([nodes, times]))

@@ -47,9 +47,11 @@ ITERATIONS = 300  # of IPOPT, at most
 SAMPLES = 10  # of an interval
 ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each meter of reach, at most m
 SMOOTH = 1e-9  # rho: small, to smooth only what the path does not determine
-SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain too small to measure
+# rho with limits: with less the torque chatters between them for a gain too small to measure
+SMOOTH_LIMITED = 1e-3
 NOTICED = 1e-2  # of e_0: tracking error above which an active bound is reported as LIMITS_ACTIVE
-END = 1e3  # sigma: at the end the robot rests and its torque may be held; the motion before does not change
+# sigma: at the end the robot rests and its torque may be held; the motion before does not change
+END = 1e3
 TOLERANCE = 1e-9
 NEAR = 0.99  # of a bound: above it the bound is active
 
@@ -69,7 +71,9 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve by optimal control of the full model on intervals of 2 ``h`` [s]. No options."""
     problem.check_options("full")
     preactuation, nodes = problem.nodes(2 * h)
-    found = collocate_full(problem.equations, problem.path, nodes, problem.limits, progress=problem.progress)
+    found = collocate_full(
+        problem.equations, problem.path, nodes, problem.limits, progress=problem.progress
+    )
     motion = found.motion
     return MethodResult(
         found.t,
@@ -121,14 +125,23 @@ def collocate_full(
     x = ca.MX.sym("x", mesh.size)
     targets = slow.reduction.targets(path.sample(mesh.times)).T
     values = [*mesh.parameters, targets, np.tile(bernstein_rows(mesh.table), (mesh.N, 1)).T]
-    g, jacobian, scale = mesh.constraints(x, rows, [*symbols, target, bernstein], values, scales.x, guess)
+    g, jacobian, scale = mesh.constraints(
+        x, rows, [*symbols, target, bernstein], values, scales.x, guess
+    )
     upper_g = np.r_[np.tile(upper * scale, mesh.N * STAGES), np.zeros(2 * mesh.n * mesh.N)]
     weight, aim = _cost(model, mesh, slow, path.duration, bounds)
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scales.x)) ** 2) / 2
     hessian = ca.MX(ca.DM(sp.diags(weight).tocsc()))
     result = solve_nlp(
         NonlinearProgram(
-            x=x, cost=cost, g=g, jacobian=jacobian, hessian=hessian, convex=True, lower=-upper_g, upper=upper_g
+            x=x,
+            cost=cost,
+            g=g,
+            jacobian=jacobian,
+            hessian=hessian,
+            convex=True,
+            lower=-upper_g,
+            upper=upper_g,
         ),
         guess / scales.x,
         bounds_x=_bounds_of_unknowns(model, mesh, slow, scales, bounds),
@@ -186,7 +199,9 @@ class _Scales:
         n_a, i_m = model.n_a, list(model.i_m)
         ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
         scale_y = np.r_[np.ones(n_a), ratio[i_m]]
-        M = evaluate(equations.function("mass_matrix"), slow.y(mesh.nodes[:1])[:, :n_a])[0].reshape(n_a, n_a)
+        M = evaluate(equations.function("mass_matrix"), slow.y(mesh.nodes[:1])[:, :n_a])[0].reshape(
+            n_a, n_a
+        )
         arm = np.diag(M)[list(model.i_g)]
         # a direct drive accelerates the arm, not its rotor
         turned = np.where(inertia > 0.0, inertia * ratio, np.abs(np.linalg.inv(model.eta)).T @ arm)
@@ -215,13 +230,21 @@ def _check_equilibrium(model: RobotModel, slow: _SlowMotion, bounds: _Bounds) ->
             )
 
 
-def _guess(model: RobotModel, mesh: Transcription, slow: _SlowMotion, bounds: _Bounds) -> np.ndarray:
+def _guess(
+    model: RobotModel, mesh: Transcription, slow: _SlowMotion, bounds: _Bounds
+) -> np.ndarray:
     """The quasi-static motion as unknowns of the mesh."""
     n_m, n_y = model.n_m, model.output.size
-    torque = np.linspace(slow.torques[0], slow.torques[1], mesh.N + 1).clip(-bounds.torque, bounds.torque)
-    states = np.hstack([slow.y(mesh.nodes), np.zeros((mesh.N + 1, n_m)), slow.y(mesh.nodes, 1), torque])
+    torque = np.linspace(slow.torques[0], slow.torques[1], mesh.N + 1).clip(
+        -bounds.torque, bounds.torque
+    )
+    states = np.hstack(
+        [slow.y(mesh.nodes), np.zeros((mesh.N + 1, n_m)), slow.y(mesh.nodes, 1), torque]
+    )
     still = np.zeros((len(mesh.times), n_m))
-    return mesh.pack(states, np.hstack([slow.y(mesh.times, 2), still]), np.zeros((len(mesh.times), n_y)))
+    return mesh.pack(
+        states, np.hstack([slow.y(mesh.times, 2), still]), np.zeros((len(mesh.times), n_y))
+    )
 
 
 def _instant(
@@ -287,7 +310,8 @@ def _bounds_of_unknowns(
 def _slow_motion(equations: Equations, path: Path, mesh: Transcription) -> _SlowMotion:
     """The quasi-static motion along the path."""
     model = equations.model
-    simple = dataclasses.replace(model, motor_coupling="simplified")  # has the same equilibria, and can be reduced
+    # has the same equilibria, and can be reduced
+    simple = dataclasses.replace(model, motor_coupling="simplified")
     reduction = Reduction(Equations(simple) if model.motor_coupling == "complete" else equations)
     times = np.unique(np.concatenate([mesh.nodes, mesh.times]))
     arm = reduction.follow(path, times, reduction.start(path).q_a)
@@ -295,10 +319,17 @@ def _slow_motion(equations: Equations, path: Path, mesh: Transcription) -> _Slow
     i_m = list(model.i_m)
     geared = (arm[:, list(model.i_g)] @ model.eta.T)[:, i_m]
     share = np.linspace(0, 1, len(times))[:, None]
-    motors = geared + (1 - share) * (ends[0].q_m[i_m] - geared[0]) + share * (ends[1].q_m[i_m] - geared[-1])
+    motors = (
+        geared
+        + (1 - share) * (ends[0].q_m[i_m] - geared[0])
+        + share * (ends[1].q_m[i_m] - geared[-1])
+    )
     states = [np.r_[e.q_a, e.q_m[i_m]] for e in ends]
     return _SlowMotion(
-        reduction, states, np.array([e.tau_m for e in ends]), CubicSpline(times, np.hstack([arm, motors]))
+        reduction,
+        states,
+        np.array([e.tau_m for e in ends]),
+        CubicSpline(times, np.hstack([arm, motors])),
     )
 
 
@@ -334,7 +365,12 @@ def bernstein_rows(table: Tableau) -> np.ndarray:
     out = []
     for degree, first, weights in ((s, 1, 0), (s + 1, 2, 1)):
         theta = np.linspace(0.0, 1.0, degree + 1)
-        basis = np.array([[comb(degree, i) * x**i * (1 - x) ** (degree - i) for i in range(degree + 1)] for x in theta])
+        basis = np.array(
+            [
+                [comb(degree, i) * x**i * (1 - x) ** (degree - i) for i in range(degree + 1)]
+                for x in theta
+            ]
+        )
         out.append(np.linalg.solve(basis, table.weights(theta)[weights])[first:])
     return np.hstack([*out, np.arange(2, s + 2)[:, None] / (s + 1)])
 
@@ -354,13 +390,21 @@ def _samples(
     once, twice = mesh.table.weights(theta)
     h = mesh.h[:, None, None]
     levels = [
-        y[:-1, None] + h * theta[:, None] * dy[:-1, None] + h**2 * np.einsum("pj,njk->npk", twice, ddy),
+        y[:-1, None]
+        + h * theta[:, None] * dy[:-1, None]
+        + h**2 * np.einsum("pj,njk->npk", twice, ddy),
         dy[:-1, None] + h * np.einsum("pj,njk->npk", once, ddy),
         np.einsum("pj,njk->npk", mesh.table.lagrange(theta), ddy),
     ]
-    ends = [y[-1:], dy[-1:], np.einsum("j,jk->k", mesh.table.lagrange(np.ones(1))[0], ddy[-1])[None]]
+    ends = [
+        y[-1:],
+        dy[-1:],
+        np.einsum("j,jk->k", mesh.table.lagrange(np.ones(1))[0], ddy[-1])[None],
+    ]
     t = np.r_[(mesh.nodes[:-1, None] + mesh.h[:, None] * theta).ravel(), mesh.nodes[-1]]
-    sampled = [np.vstack([level.reshape(-1, mesh.n), end]) for level, end in zip(levels, ends, strict=True)]
+    sampled = [
+        np.vstack([level.reshape(-1, mesh.n), end]) for level, end in zip(levels, ends, strict=True)
+    ]
     arm = [level[:, :n_a] for level in sampled]
     motor = []
     for level in sampled:

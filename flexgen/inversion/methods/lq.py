@@ -51,7 +51,9 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     for parts in PARTS if problem.mesh is None and problem.limits is None else ():
         if found.converged or parts * first > 2 * INTERVALS:
             break
-        problem.log(f"torques are off by about {found.torque_error:.0e} of the largest: halving the mesh")
+        problem.log(
+            f"torques are off by about {found.torque_error:.0e} of the largest: halving the mesh"
+        )
         try:
             finer, noted, _ = invert_path(problem, "lq", h, parts, settled=settled)
         except (SolverError, OutOfTime):
@@ -59,7 +61,9 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         if finer.converged or finer.torque_error <= HELPS * found.torque_error:
             found, warnings = finer, noted
     if problem.limits is not None:
-        return replace(enforce_limits(problem, found, samples_per_interval, TOLERANCE), warnings=warnings)
+        return replace(
+            enforce_limits(problem, found, samples_per_interval, TOLERANCE), warnings=warnings
+        )
     return from_library(found, warnings)
 
 

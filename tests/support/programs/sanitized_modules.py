@@ -23,14 +23,23 @@ from flexgen.identification.local_model import LocalModel
 from flexgen.library.compiler import Compiler, find_compiler
 from flexgen.simulation.segments import Segments
 
-SANITIZE = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
-PLANTED = ("sum[j] += w * c->sample_s", "sum[j + 2] += w * c->sample_s")  # writes behind the memory of the cascade
+SANITIZE = (
+    "-g",
+    "-O1",
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+    "-fno-omit-frame-pointer",
+)
+# writes behind the memory of the cascade
+PLANTED = ("sum[j] += w * c->sample_s", "sum[j + 2] += w * c->sample_s")
 BAD = [np.nan, np.inf, -1e300, 1e18, 0.0, 1e-300]
 
 
 def sanitized(**options: Any) -> Compiler | None:
     found = find_compiler(**options)
-    return found and replace(found, flags=(*found.flags, *SANITIZE), identity=f"{found.identity} sanitized")
+    return found and replace(
+        found, flags=(*found.flags, *SANITIZE), identity=f"{found.identity} sanitized"
+    )
 
 
 def tried(call: Any, *arguments: Any) -> None:
@@ -92,7 +101,12 @@ def motions() -> None:
     for robots in (1, 2, 19):
         for bad in (1.0, *BAD):
             inputs = bad * rng.normal(size=(2, 20, 3, n_m))
-            given = rng.normal(size=(robots, n)), inputs, rng.integers(0, 2, robots), rng.normal(size=(robots, n_m))
+            given = (
+                rng.normal(size=(robots, n)),
+                inputs,
+                rng.integers(0, 2, robots),
+                rng.normal(size=(robots, n_m)),
+            )
             for states in (False, True):
                 tried(partial(simulate, states=states), *given, np.full((robots, 1), 600.0 * bad))
 
@@ -102,7 +116,9 @@ def poses(folder: Path) -> None:
     rng = np.random.default_rng(3)
     generate_module.find_compiler = sanitized  # type: ignore[assignment]  # (for this library, not those of the cache)
     names = ["forward_kinematics", "jacobian", "gravity", "mass_matrix"]
-    library = flexgen.load(flexgen.generate("manutec_r3_18", folder, functions=names, progress=False).directory)
+    library = flexgen.load(
+        flexgen.generate("manutec_r3_18", folder, functions=names, progress=False).directory
+    )
     n_a = library.sizes["n_a"]
     for _ in range(5):
         p, R = library.forward_kinematics(rng.uniform(-3, 3, n_a))
@@ -114,11 +130,14 @@ def poses(folder: Path) -> None:
 
 def main(folder: Path, planted: bool) -> None:
     """Everything; with the planted bug the first run under control."""
-    os.environ.pop("LD_PRELOAD", None)  # for the sanitizers of this process; a compiler would take twice its time
+    # for the sanitizers of this process; a compiler would take twice its time
+    os.environ.pop("LD_PRELOAD", None)
     c_module.find_compiler = sanitized  # type: ignore[assignment]
     if planted:
         real = c_module.compile_module
-        c_module.compile_module = lambda name, text, **more: real(name, text.replace(*PLANTED), **more)  # type: ignore
+        c_module.compile_module = lambda name, text, **more: real(
+            name, text.replace(*PLANTED), **more
+        )  # type: ignore
     motions()
     observers(controllers())
     poses(folder)
