@@ -29,10 +29,11 @@ def chain_rule(f: list[np.ndarray], s: np.ndarray) -> list[np.ndarray]:
                 (comb(i - 1, j - 1) * s[:, j] * bell[i - j][k - 1] for j in range(1, i - k + 2)),
                 np.zeros(len(s)),
             )
-    return [
-        f[0],
-        *(sum(f[k] * bell[i][k][:, None] for k in range(1, i + 1)) for i in range(1, n + 1)),
-    ]  # type: ignore[list-item]
+    later = (
+        sum((f[k] * bell[i][k][:, None] for k in range(1, i + 1)), np.zeros_like(f[0]))
+        for i in range(1, n + 1)
+    )
+    return [f[0], *later]
 
 
 def compose(f: np.ndarray, s: np.ndarray) -> np.ndarray:
