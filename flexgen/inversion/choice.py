@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_table import Method, find_method, methods
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
@@ -28,6 +28,14 @@ def _inverts(robot: RobotModel) -> bool:
     return robot.inversion_obstacle() is None and has_compiler()
 
 
+def _has_undamped_motion(problem: InversionProblem) -> bool:
+    """Whether nothing damps an internal motion, or the output is flat; False where it is not known."""
+    try:
+        return problem.undamped is not None
+    except SolverError:
+        return False
+
+
 def default_method(robot: RobotModel, limits: Limits | None) -> str:
     """Name of the default method."""
     if robot.motor_coupling != "simplified" or has_kinks(robot):
@@ -44,10 +52,14 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
     robot, names = problem.equations.model, []
     if method.name == "closed-form" and _inverts(robot):
         names.append("lq")
-    if method.name == "lq" and robot.n_e:
-        names += ["bvp", "collocation"]
-    if method.name != "full" and robot.n_a <= FULL_LARGEST:
-        names.append("full")
+    if method.name == "lq" and robot.n_e and _has_undamped_motion(problem):
+        # there is no dichotomy for "bvp", and IPOPT wanders among the oscillations for minutes
+        names.append("spline")
+    else:
+        if method.name == "lq" and robot.n_e:
+            names += ["bvp", "collocation"]
+        if method.name != "full" and robot.n_a <= FULL_LARGEST:
+            names.append("full")
     found = (find_method(name) for name in names)
     able = (method for method in found if problem.limits is None or method.keeps_limits)
     known = problem.force is None and not (

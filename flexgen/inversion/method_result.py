@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.inversion.motor_side import MotorMotion, motor_motion
+from flexgen.inversion.problem import HELD
 from flexgen.inversion.reduced_problem import Motion
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
@@ -42,6 +43,8 @@ class MethodResult:
         Torques of the gears' hysteresis, arm side; None where no gear has any.
     tau_b : array (n, n_m) or None [N m]
         Torques ``s0 z + s1 z'`` of the bristles of the motors' friction; None where no motor has any.
+    held : float [s]
+        How long the last torque is held in the verification; 0 where the motion goes on.
     """
 
     t: np.ndarray
@@ -59,6 +62,7 @@ class MethodResult:
     warnings: tuple[str, ...] = ()
     tau_h: np.ndarray | None = None
     tau_b: np.ndarray | None = None
+    held: float = HELD
 
 
 def with_motors(

@@ -68,6 +68,11 @@ SOLVERS = (
         takes_force=True,
     ),
     Method(
+        "spline",
+        "splines of the non-actuated coordinates, for outputs that are flat or nearly so",
+        "flexgen.inversion.methods.spline",
+    ),
+    Method(
         "collocation",
         "optimal control on the reduced problem (IPOPT)",
         "flexgen.inversion.methods.collocation",

@@ -19,6 +19,7 @@ from flexgen.model.friction import has_harmonics
 from flexgen.paths.path import Path
 
 if TYPE_CHECKING:
+    from flexgen.inversion.undamped import UndampedMotion
     from flexgen.paths.process_force import ProcessForce
     from flexgen.paths.smoothness import SmoothnessReport
 
@@ -146,6 +147,18 @@ class InversionProblem:
                 (float(t), inner_zeros(equations, linearize(equations, equilibrium), equilibrium))
             )
         return out
+
+    @cached_property
+    def undamped(self) -> UndampedMotion | None:
+        """Internal motion along the path that nothing damps; None where there is none."""
+        from flexgen.inversion.undamped import find_undamped
+
+        return find_undamped(self)
+
+    @property
+    def swings(self) -> bool:
+        """Whether internal oscillations go on after the path without any damping."""
+        return self.undamped is not None and bool(self.undamped.frequencies_hz)
 
     @cached_property
     def smoothness(self) -> SmoothnessReport:

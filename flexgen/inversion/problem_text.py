@@ -6,6 +6,7 @@ from flexgen.display import both_measured
 from flexgen.inversion.solution import Solution, limit_warnings
 from flexgen.inversion.solve import ENERGY, residual_is_small
 from flexgen.inversion.status import Status
+from flexgen.inversion.undamped import UNDAMPED
 
 
 def problem_of(solution: Solution, accuracy: float) -> str:
@@ -42,6 +43,8 @@ def _inaccuracy(solution: Solution, accuracy: float) -> str:
         return f"{solution.status}: {solution.stopped}; the trajectory is the best so far"
     if held := [text for text in solution.warnings if "makes the output deviate" in text]:
         return f"{solution.status}: {held[0]}"
+    if undamped := [text for text in solution.warnings if UNDAMPED in text]:
+        return f"{solution.status}: {undamped[0]}"
     simulation = solution.simulation
     if simulation is not None and simulation.energy_error > ENERGY:
         return (

@@ -22,6 +22,7 @@ import numpy as np
 
 from flexgen.inversion.problem import HELD, LAGS, LONGEST_SETTLING, InversionProblem
 from flexgen.inversion.sampling import SAMPLES
+from flexgen.inversion.undamped import describe_swing
 from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.numerics.evaluate import evaluate
@@ -75,6 +76,13 @@ def invert_until_settled(
                 found.n_post, int(np.ceil(max(SHORTEST, problem.gear_settling) / found.period))
             )
             return _cut(found, max(last + 1, fewest), end), slow_gears(problem)
+        if size[-1] > NOTED * problem.accuracy and problem.undamped is not None and problem.swings:
+            period = 1 / problem.undamped.frequencies_hz[0]
+            shown = min(max(HELD, period), LONGEST_SETTLING)
+            if found.n_post * found.period < shown - found.period:
+                n_post = int(np.ceil(shown / found.period))
+                continue
+            return found, (describe_swing(problem, found), *slow_gears(problem))
         if problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy:
             # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
             # ripple of a mesh that does not resolve the fastest of them

@@ -18,7 +18,6 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
 from flexgen.inversion.problem import (
     ACCURACY,
-    HELD,
     HELPS,
     INTERVALS,
     LONGEST_SETTLING,
@@ -281,9 +280,22 @@ def _automatic_solution(
             )
         best = best or found
         outcomes.append(f"{candidate.name}: {found.details.get('missed', found.status)}")
+    reason = _undamped_reason(problem)
     if best is not None:
-        return replace(best, details={**best.details, "attempts": outcomes})
-    raise SolverError(f"{failures[0][1]}; tried: {'; '.join(outcomes)}") from failures[0][1]
+        warnings = (*best.warnings, reason) if reason else best.warnings
+        return replace(best, warnings=warnings, details={**best.details, "attempts": outcomes})
+    cause = failures[0][1]
+    raise SolverError(f"{reason or cause}; tried: {'; '.join(outcomes)}") from cause
+
+
+def _undamped_reason(problem: InversionProblem) -> str:
+    """Undamped internal motion as the reason why no method was successful; empty: there is none."""
+    from flexgen.inversion.undamped import advise_undamped
+
+    try:
+        return "" if problem.undamped is None else advise_undamped(problem)
+    except SolverError:
+        return ""
 
 
 def _raise_path_error(problem: InversionProblem) -> None:
@@ -299,13 +311,16 @@ def _raise_path_error(problem: InversionProblem) -> None:
 
 
 def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverError]]) -> bool:
-    """Whether a method found on all its meshes that the path of the tool is out of reach or passes a singular pose."""
-    from flexgen.codegen.interface import STATUSES
+    """Whether a method left the reach of the tool, or a singular pose, on all its meshes."""
+    from flexgen.inversion.methods.lq import DIVERGED, UNREACHABLE
 
-    text = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
     # joints and their combinations have no singular poses
     tool = problem.equations.model.output.type != "combination"
-    return tool and len(failures) == ATTEMPTS and all(text in str(error) for _, error in failures)
+    return (
+        tool
+        and len(failures) == ATTEMPTS
+        and all(UNREACHABLE in str(error) or DIVERGED in str(error) for _, error in failures)
+    )
 
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
@@ -518,7 +533,7 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
             "move": path.move.name,
             "kind": "solution",
             "torque": "smooth" if problem.limits is None else "limited",
-            HELD_KEY: HELD if result.status != Status.BASELINE else 0.0,
+            HELD_KEY: result.held if result.status != Status.BASELINE else 0.0,
         },
         units,
     )

@@ -28,6 +28,17 @@ __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
 # instants at which `plan` solves the inverse kinematics; of each motion of many
 CHECKED, FEWEST = 101, 33
 
+# s, more than a day: the samples of longer paths do not fit into memory
+LONGEST = 1e5
+
+
+def _check_duration(name: str, duration: float) -> None:
+    """ArgumentError where a move takes more than `LONGEST`."""
+    if duration > LONGEST:
+        raise ArgumentError(
+            f"move {name}: given a duration of {duration:.6g} s, expected at most {LONGEST:g} s"
+        )
+
 
 @checked_class
 class Path(Result):
@@ -61,6 +72,7 @@ class Path(Result):
         self.equations = equations
         self.reference = Reference(equations)
         self.pose = self.reference.pose
+        _check_duration(move.name, move.duration)
         planned = plan_move(self.reference, move)
         self.segments: tuple[TimedSegment, ...] = planned.segments
         self.q_start = self.reference.expand(planned.q_g)
@@ -71,6 +83,7 @@ class Path(Result):
             if len(self.segments) == 1 and last.law.duration == move.duration
             else (last.start + last.law.duration)
         )
+        _check_duration(move.name, self.duration)
         unchanged = move.duration == self.duration and move.type != "sampled"
         self.move = (
             move

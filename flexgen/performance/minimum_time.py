@@ -154,7 +154,8 @@ class FastestMove(Result):
         """Durations, limits and effort."""
         margin = ", ".join(f"{x:.3g}" for x in self.margin)
         assumed = filter(None, [", ".join(f"{name} {x:.3g}" for name, x in self.assumed.items())])
-        shorter = 100 * (1 - self.duration_s / self.default_s)
+        change = 100 * (self.duration_s / self.default_s - 1)
+        compared = f"{abs(change):.0f} % {'more' if change > 0 else 'less'}"
         swings = ", ".join(
             f"{name}: {format_size(x, self.unit)} ({format_size(self.default_vibration[name], self.unit)} as given)"
             for name, x in self.vibration.items()
@@ -162,7 +163,7 @@ class FastestMove(Result):
         return "\n".join(
             [
                 f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s instead of "
-                f"{self.default_s:.4f} s ({shorter:.0f} % less)",
+                f"{self.default_s:.4f} s ({compared})",
                 *(
                     f"  torque limits as of the largest torques of the move as given: {x} N m"
                     for x in assumed

@@ -233,6 +233,8 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
         "  vibration after the path, as in file: 1 mm (2 mm as given)",
         "  effort 3",
     ]
+    object.__setattr__(made, "duration_s", 2.44)
+    assert "2.4400 s instead of 2.0000 s (22 % more)" in str(made)
     assert made.vibration_m == {"as in file": 1e-3} and made.default_vibration_m == {
         "as in file": 2e-3
     }

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.codegen.interface import STATUSES
 from flexgen.deadline import OutOfTime
 from flexgen.errors import SolverError
 from flexgen.inversion.limits import enforce_limits
@@ -35,6 +36,9 @@ from flexgen.runtime.path_inversion import TOLERANCE
 if TYPE_CHECKING:
     from flexgen.runtime.path_inversion import Inversion
 
+UNREACHABLE = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
+# part of the reason where an iteration ended so, though the path is within reach
+DIVERGED = "the iteration diverged"
 LONGEST = 1e-2  # s: longest interval
 PARTS = (2, 4)  # of an interval, where an inversion is not accurate by its own estimate
 
@@ -64,7 +68,10 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         return replace(
             enforce_limits(problem, found, samples_per_interval, TOLERANCE), warnings=warnings
         )
-    return from_library(found, warnings)
+    result = from_library(found, warnings)
+    # the torque of a load that swings on must not be held
+    moves_on = found.n_post > 0 and bool(np.any(found.v_a[-1])) and problem.swings
+    return replace(result, held=0.0) if moves_on else result
 
 
 def invert_path(
@@ -96,5 +103,31 @@ def invert_path(
         force=sample_force(problem, np.arange(n) * period),
         **more,
     )
-    found, warnings = invert_until_settled(problem, lambda n_post: invert(n_post=n_post), n_post)
+    try:
+        found, warnings = invert_until_settled(
+            problem, lambda n_post: invert(n_post=n_post), n_post
+        )
+    except SolverError as error:
+        raise _explain(problem, error) from error
     return found, warnings, samples_per_interval
+
+
+def _explain(problem: InversionProblem, error: SolverError) -> SolverError:
+    """The error, or a truer one.
+
+    An iteration that diverges leaves the poses that the output can reach. The path itself does not
+    where the zeros along it are known, since they belong to rests with the output on the path.
+    """
+    if UNREACHABLE not in str(error):
+        return error
+    try:
+        rests = problem.zeros
+    except SolverError:
+        return error
+    if not rests:
+        return error
+    return SolverError(
+        f"invert: {DIVERGED}: the output can rest at each place of the path, but the deflections "
+        f"of a motion over {problem.path.duration:.3g} s became too large for it; give the move "
+        "more time, or check the stiffness of the springs"
+    )
