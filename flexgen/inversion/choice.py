@@ -29,7 +29,7 @@ def _inverts(robot: RobotModel) -> bool:
 
 
 def _has_undamped_motion(problem: InversionProblem) -> bool:
-    """Whether nothing damps an internal motion, or the output is flat; False where it is not known."""
+    """Whether nothing damps an internal motion, or the output is flat; False: not known."""
     try:
         return problem.undamped is not None
     except SolverError:

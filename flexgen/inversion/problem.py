@@ -153,7 +153,7 @@ class InversionProblem:
         """Internal motion along the path that nothing damps; None where there is none."""
         from flexgen.inversion.undamped import find_undamped
 
-        return find_undamped(self)
+        return find_undamped(self.equations, self.zeros)
 
     @property
     def swings(self) -> bool:

@@ -82,7 +82,10 @@ def invert_until_settled(
             if found.n_post * found.period < shown - found.period:
                 n_post = int(np.ceil(shown / found.period))
                 continue
-            return found, (describe_swing(problem, found), *slow_gears(problem))
+            return found, (
+                describe_swing(problem.undamped, problem.equations.model, found),
+                *slow_gears(problem),
+            )
         if problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy:
             # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
             # ripple of a mesh that does not resolve the fastest of them

@@ -293,9 +293,10 @@ def _undamped_reason(problem: InversionProblem) -> str:
     from flexgen.inversion.undamped import advise_undamped
 
     try:
-        return "" if problem.undamped is None else advise_undamped(problem)
+        undamped = problem.undamped
     except SolverError:
         return ""
+    return "" if undamped is None else advise_undamped(undamped, problem.path.duration)
 
 
 def _raise_path_error(problem: InversionProblem) -> None:

@@ -10,13 +10,17 @@ torque of a useful size exists.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.statics import gear_damping
+from flexgen.model.elements import RobotModel
+
 if TYPE_CHECKING:
-    from flexgen.inversion.problem import InversionProblem
     from flexgen.runtime.path_inversion import Inversion
 
 # Oscillations of a lower frequency [1/s] are motions of a coordinate that no spring and no weight
@@ -60,18 +64,19 @@ class UndampedMotion:
         )
 
 
-def find_undamped(problem: InversionProblem) -> UndampedMotion | None:
-    """The undamped internal motion along the path of a problem; None where there is none."""
+def find_undamped(
+    equations: Equations, along: Iterable[tuple[float, np.ndarray]]
+) -> UndampedMotion | None:
+    """Undamped internal motion by the zeros [1/s] at instants [s] of a path, if there is any."""
     from flexgen.analysis.zeros import ON_AXIS
-    from flexgen.mechanics.statics import gear_damping
 
-    model = problem.equations.model
+    model = equations.model
     if model.n_e == 0:
         return None
-    count = 2 * model.n_e + int(np.sum(gear_damping(problem.equations) > 0))
+    count = 2 * model.n_e + int(np.sum(gear_damping(equations) > 0))
     frequencies: list[float] = []
     flat = False
-    for _, zeros in problem.zeros:
+    for _, zeros in along:
         finite = zeros[np.isfinite(zeros)]
         flat |= len(finite) < count
         on_axis = np.abs(finite.real) <= ON_AXIS * np.abs(finite)
@@ -84,18 +89,16 @@ def find_undamped(problem: InversionProblem) -> UndampedMotion | None:
     return UndampedMotion(bounds, flat, names)
 
 
-def describe_swing(problem: InversionProblem, found: Inversion) -> str:
+def describe_swing(undamped: UndampedMotion, model: RobotModel, found: Inversion) -> str:
     """Warning of a motion that goes on after the path: its size, and what can be done.
 
     Parameters
     ----------
-    problem : InversionProblem
-        With undamped internal motion.
+    undamped : UndampedMotion
+    model : RobotModel
     found : Inversion
         Its samples after the path have the motion.
     """
-    undamped, model = problem.undamped, problem.equations.model
-    assert undamped is not None
     after = found.q_a[len(found.q_a) - found.n_post - 1 :]
     sizes = []
     for i in model.i_e:
@@ -109,13 +112,11 @@ def describe_swing(problem: InversionProblem, found: Inversion) -> str:
     )
 
 
-def advise_undamped(problem: InversionProblem) -> str:
-    """Reason and advice where no method finds the torques of a robot with undamped internal motion."""
-    undamped = problem.undamped
-    assert undamped is not None
+def advise_undamped(undamped: UndampedMotion, duration: float) -> str:
+    """Reason and advice where no method finds the torques of a path of a duration [s]."""
     return (
         f"{undamped.describe()}: {UNDAMPED} for a path of "
-        f"{problem.path.duration:.3g} s; such a motion comes into resonance where the path is not "
+        f"{duration:.3g} s; such a motion comes into resonance where the path is not "
         "slow against it. Give the move more time or a higher smoothness, damp the coordinate, or "
         "choose the actuated joint as output"
     )

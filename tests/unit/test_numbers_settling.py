@@ -77,6 +77,7 @@ def case(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
         vars(problem).update(
             {
                 "gear_settling": 0.0,
+                "undamped": None,
                 "windows": (0.5, window),
                 "zeros": [(0.0, zeros)],
                 "log": lines.append,

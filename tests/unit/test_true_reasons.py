@@ -1,4 +1,4 @@
-"""Reasons and sentences that must be true: diverged iterations, long moves, slower fastest moves."""
+"""Reasons that must be true: iterations that diverge, and moves that take too long."""
 
 from __future__ import annotations
 

@@ -12,8 +12,8 @@ by Gauss-Newton steps. The actuated coordinates follow from the output and its d
 motion is at rest before the path and after it. Whether the residuals are small enough is decided by
 the simulation, as for every method.
 
-Source: cf. M. Fliess, J. Levine, P. Martin, P. Rouchon, Int. J. Control 61(6), 1995 (flatness); K. Khorasani,
-P. V. Kokotovic, IEEE TAC 31(2), 1986 (slow manifold of flexible joints).
+Source: cf. M. Fliess, J. Levine, P. Martin, P. Rouchon, Int. J. Control 61(6), 1995 (flatness);
+K. Khorasani, P. V. Kokotovic, IEEE TAC 31(2), 1986 (slow manifold of flexible joints).
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class _Basis:
         self.free = slice(DEGREE, self.size - DEGREE)
 
     def matrix(self, t: np.ndarray, order: int = 0) -> np.ndarray:
-        """Values (n, size) of the derivative of an order of all splines; constant outside the path."""
+        """Derivative of an order of all splines (n, size); constant outside the path."""
         spline = BSpline(self.knots, np.eye(self.size), DEGREE)
         inside = np.clip(t, self.knots[DEGREE], self.knots[-DEGREE - 1])
         return spline.derivative(order)(inside) if order else spline(inside)
