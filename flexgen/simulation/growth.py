@@ -7,7 +7,7 @@ along the motion
     d/dt dx = A(t) dx,     A from M(q) dq'' + D dq' + K dq = 0,     Phi(t, s) its transition matrix
 
 gives the factor: the growth from s to t is the norm of the block of ``Phi`` that takes positions to positions (motors
-on the arm side). ``A`` is constant on each interval of a grid. Samples at rest at the end are left out: the growth is
+on the arm side). A force f of a process on the tool adds its stiffness -d(J' f)/dq to K. ``A`` is constant on each interval of a grid. Samples at rest at the end are left out: the growth is
 that of the movement, and of a time after it in which the last torque is held.
 """
 
@@ -104,8 +104,11 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
         motion.tau_m,
     )
     n = model.dof
+    # a force of constant direction pushes by J(q)' f: it has a stiffness, -d(J' f)/dq
+    acting = equations if motion.force is None else equations.pushed
+    arguments = arguments if motion.force is None else (*arguments, motion.force)
     M, D, K, _ = second_order_matrices(
-        *evaluate(equations.function("residual_jacobians"), *(x[at] for x in arguments))
+        *evaluate(acting.function("residual_jacobians"), *(x[at] for x in arguments))
     )
     check_inertia(model, M)
     side = np.ones(n)
