@@ -315,6 +315,7 @@ _RESULTS = {
     "Analysis.to_text": "flexgen.reports.texts:text_of_analysis",
     "Check.implausible": "flexgen.plausibility.check:implausible_number",
     "Check.to_text": "flexgen.reports.texts:text_of_check",
+    "Check.all_findings": "flexgen.reports.texts:findings_of_check",
     "ControlRun.to_text": "flexgen.reports.control_texts:text_of_control",
     "Experiment.to_text": "flexgen.reports.identification_texts:text_of_experiment",
     "Frf.to_text": "flexgen.reports.identification_texts:text_of_responses",

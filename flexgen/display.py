@@ -44,6 +44,10 @@ def duration(seconds: float) -> str:
     return f"{max(seconds, 1.0):.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
+# m or rad: smaller errors are those of the computation; no robot and no sensor shows them
+NOISE = 1e-7
+
+
 class Figure(NamedTuple):
     """A figure of a result: its name, its value (None where there is none), its unit, and its key in JSON."""
 
@@ -69,9 +73,11 @@ def _figure_text(value: str | float | None, unit: str) -> str:
 
 
 def format_size(value: float | None, unit: str) -> str:
-    """A length [m] or angle [rad] with a prefix of its unit: ``9.18e-05 um``, ``4.2 mm``; a dash for None."""
+    """A length [m] or angle [rad] with a prefix: ``< 0.1 um``, ``4.2 mm``; a dash for None."""
     if value is None or not math.isfinite(value):
         return "-"
+    if 0.0 < abs(value) < NOISE:
+        return f"< {1e6 * NOISE:.1g} u{unit}"
     factor, prefix = (
         (1.0, "") if value >= 0.9995 else (1e3, "m") if value >= 0.9995e-3 else (1e6, "u")
     )

@@ -134,6 +134,7 @@ solve MODEL | solve:solve | solve
     files
         out FILE trajectory_file: write the trajectory to this file (.npz, .csv or .mat)
         @report
+        details: print all figures of the solution, not only the main ones
         robustness: with --report: also simulate robots with stiffness errors of 5 and 20 % and mass errors of 5 %
             (takes minutes)
 plan MODEL | path:path | plan | path

@@ -28,6 +28,18 @@ MODEL = "name in models/ or path of a .toml file, optionally with @variant; or F
 EXPORT = (
     "Write the robot for another tool: a simulation program, a controller, a robot description."
 )
+# The verbs of the help, in five groups in the order of the work; those of other packages come last.
+GROUPS = {
+    "a robot and its equations": "models new describe check derive analyze view schema",
+    "inverse dynamics, and the C of it": "run solve generate plan fastest kinematics simulate",
+    "robots that differ from their model": (
+        "predict control tune score learn command-positions sense"
+    ),
+    "identification": (
+        "excite measure frf identify identify-servo identify-load identify-gears calibrate"
+    ),
+    "other tools, many cases": "export sweep completion",
+}
 RUN_MODEL = "planar5_nmp"  # of `flexgen run`, where none is given
 
 EXAMPLES = """\
@@ -50,17 +62,40 @@ MODEL is a name in models/ or the path of a .toml file, optionally with @variant
 Exit status: 0 success, 1 failure, 2 wrong usage, 3 limits of the model exceeded, 130 interrupted."""
 
 
+class _GroupedHelp(argparse.RawDescriptionHelpFormatter):
+    """The help of flexgen: its verbs in `GROUPS`."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        rows = {row.dest: row for row in action._choices_actions}
+        names = [(title, group.split()) for title, group in GROUPS.items()]
+        others = [name for name in rows if all(name not in group for _, group in names)]
+        if others:
+            names.append(("of other packages", others))
+        parts = []
+        for title, group in names:
+            indent = " " * self._current_indent
+            parts.append(f"{indent}{title}\n")
+            self._indent()
+            for name in group:
+                if name in rows:
+                    parts.append(super()._format_action(rows[name]))
+            self._dedent()
+        return "".join(parts)
+
+
 def build_parser(only: str | None = None) -> Parser:
     """The parser of the command line; ``only``: with the arguments of this verb alone; empty: of none."""
     parser = Parser(
         prog="flexgen",
         description="Inverse dynamics of elastic robots, from a model file to C that runs in a controller.",
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=_GroupedHelp,
     )
     parser.add_argument("-h", "--help", action="help", help="show this help")
     parser.add_argument("--version", action="version", version=f"flexgen {__version__}")
-    group = parser.add_subparsers(dest="verb", metavar="VERB")
+    group = parser.add_subparsers(dest="verb", metavar="VERB", title="verbs")
     kinds: Any = None
     all_of_them = only != "" and only not in {name.partition(" ")[0] for name in VERBS}
     of_others = added_names("exports") if all_of_them or only == "export" else ()

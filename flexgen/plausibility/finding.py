@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from flexgen.registry import find_function
 from flexgen.results import Result
 from flexgen.type_checks import checked_result
 
@@ -132,6 +133,10 @@ class Check(Result):
         """One sentence: how many numbers were checked, and how many are unusual or wrong."""
         counts = f"{len(self.errors)} errors, {len(self.warnings)} unusual"
         return f"{self.model}: {len(self.findings)} numbers checked, {counts}"
+
+    def all_findings(self) -> str:
+        """A table of all numbers that were checked, as text."""
+        return str(find_function("Check.all_findings")(self))
 
     def __repr__(self) -> str:
         worst = [*self.errors, *self.warnings]

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from flexgen.display import plain
+from flexgen.display import NOISE, plain
 from flexgen.reports.text_tables import figures, number, one_line, paragraph, roots, table
 
 if TYPE_CHECKING:
@@ -19,11 +19,24 @@ if TYPE_CHECKING:
     from flexgen.library.generate import GeneratedLibrary
     from flexgen.model.elements import RobotModel
     from flexgen.paths.path import Path
-    from flexgen.plausibility.finding import Check
+    from flexgen.plausibility.finding import Check, Finding
     from flexgen.simulation.result import Simulation
     from flexgen.sweeps.sweep import SweepResult
 
 SHOWN = 5  # reasons of failures of a sweep that are named, and cases that are named for each
+
+# keys of the figures in the short text of a solution, of which it has six rows, seven with angles
+SUMMARY = frozenset(
+    {
+        "status",
+        "cpu_s",
+        "preactuation_s",
+        "torque_max_Nm",
+        "speed_max_rad_s",
+        "tool_error_max_m",
+        "tool_error_max_rad",
+    }
+)
 
 Row = tuple[str, Any, str]  # quantity, value, unit
 
@@ -263,6 +276,8 @@ def _small_row(what: str, value: float | None, unit: str) -> Row:
     """A row of a small length [m] or angle [rad]: below 1e-3 in millionths, else in thousandths."""
     if value is None:
         return what, None, ""
+    if 0.0 < value < NOISE:
+        return what, f"< {1e6 * NOISE:.1g}", f"u{unit}"
     return (what, 1e3 * value, f"m{unit}") if value >= 1e-3 else (what, 1e6 * value, f"u{unit}")
 
 
@@ -279,11 +294,24 @@ def figure_rows(result: Solution | Simulation) -> list[Row]:
     return rows
 
 
+def summary_of_solution(solution: Solution) -> str:
+    """Six rows of a solution: status, errors, torque, speed, pre-actuation and computing time."""
+    wanted = {figure.label for figure in solution.figures() if figure.key in SUMMARY}
+    rows = [row for row in figure_rows(solution) if row[0] in wanted]
+    title = f"{solution.model.title}, move {solution.move.name}"
+    return "\n\n".join([f"{title}\n\n{figures(rows)}", *_attempts_before(solution)])
+
+
+def _attempts_before(solution: Solution) -> list[str]:
+    """The methods that were tried before, as one text; empty: none."""
+    lines = [f"tried before: {line}" for line in solution.details.get("attempts", ())]
+    return ["\n".join(lines)] if lines else []
+
+
 def text_of_solution(solution: Solution) -> str:
     """The figures of a solution, and the methods that were tried before."""
     text = f"{solution.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}"
-    tried = [f"tried before: {line}" for line in solution.details.get("attempts", ())]
-    return "\n\n".join([text, *(["\n".join(tried)] if tried else [])])
+    return "\n\n".join([text, *_attempts_before(solution)])
 
 
 def solution_details(solution: Solution) -> str:
@@ -338,15 +366,20 @@ def text_of_simulation(simulation: Simulation) -> str:
 
 
 def text_of_check(check: Check) -> str:
-    """All numbers that were checked, and what to do about those that are unusual or wrong."""
-    rows = [[f.mark, f.key, f.quantity, f.value, f.usual] for f in check.findings]
-    advice = [
-        paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}")
-        for f in (*check.errors, *check.warnings)
-    ]
-    return "\n\n".join(
-        [table(rows, ("mark", "key", "quantity", "value", "usual")), check.summary(), *advice]
-    )
+    """One line, and the numbers that are unusual or wrong, with what to do about them."""
+    found = (*check.errors, *check.warnings)
+    advice = [paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}") for f in found]
+    return "\n\n".join([check.summary(), *([_findings_table(found)] if found else []), *advice])
+
+
+def findings_of_check(check: Check) -> str:
+    """A table of all numbers that were checked."""
+    return _findings_table(check.findings)
+
+
+def _findings_table(findings: Sequence[Finding]) -> str:
+    rows = [[f.mark, f.key, f.quantity, f.value, f.usual] for f in findings]
+    return table(rows, ("mark", "key", "quantity", "value", "usual"))
 
 
 def models_text(rows: Sequence[Mapping[str, Any]]) -> str:

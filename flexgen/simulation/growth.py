@@ -6,9 +6,10 @@ along the motion
 
     d/dt dx = A(t) dx,     A from M(q) dq'' + D dq' + K dq = 0,     Phi(t, s) its transition matrix
 
-gives the factor: the growth from s to t is the norm of the block of ``Phi`` that takes positions to positions (motors
-on the arm side). A force f of a process on the tool adds its stiffness -d(J' f)/dq to K. ``A`` is constant on each interval of a grid. Samples at rest at the end are left out: the growth is
-that of the movement, and of a time after it in which the last torque is held.
+gives the factor: the growth from s to t is the norm of the block of ``Phi`` that takes positions to
+positions (motors on the arm side). A force f of a process on the tool adds its stiffness
+-d(J' f)/dq to K. ``A`` is constant on each interval of a grid. Samples at rest at the end are left
+out: the growth is that of the movement, and of a time after it in which the last torque is held.
 """
 
 from __future__ import annotations

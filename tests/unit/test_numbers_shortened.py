@@ -72,7 +72,7 @@ def test_errors_of_files_have_their_place_and_are_pickled() -> None:
         (0.0042, "4.2 mm"),
         (0.99951e-3, "1 mm"),
         (0.9994e-3, "999 um"),
-        (9.18e-11, "9.18e-05 um"),
+        (9.18e-11, "< 0.1 um"),
         (0.0, "0 um"),
         (None, "-"),
         (float("nan"), "-"),

@@ -235,6 +235,8 @@ def ask(capsys):
 
 def test_the_verb_prints_a_mark_for_each_number_and_fails_with_an_error(ask):
     status, out, err = ask("check", "planar5_nmp")
+    assert status == 0 and err == "" and out.count("\n") == 1 and "0 errors, 0 unusual" in out
+    status, out, err = ask("check", "planar5_nmp", "-v")
     rows = [line for line in out.splitlines() if line.startswith(MARKS)]
     assert status == 0 and err == "" and len(rows) == len(flexgen.check("planar5_nmp").findings)
     status, out, _ = ask("check", "planar5_nmp@soft", "--json")

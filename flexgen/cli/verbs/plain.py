@@ -15,6 +15,12 @@ def plain(args: Namespace, log: Progress) -> VerbResult:
     if not hasattr(result, "to_text"):
         return VerbResult({"result": as_plain(result)}, as_json(as_plain(result)))
     notes = [text for text in getattr(result, "warnings", ()) if isinstance(text, str)]
+    details = result.all_findings() if hasattr(result, "all_findings") else ""
     return with_files(
-        result.to_text(), result.to_dict(), written(args, result), result.problem, warnings=notes
+        result.to_text(),
+        result.to_dict(),
+        written(args, result),
+        result.problem,
+        warnings=notes,
+        details=details,
     )

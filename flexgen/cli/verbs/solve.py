@@ -113,7 +113,7 @@ def _solve_one(
     from flexgen.inversion.problem_text import problem_of
     from flexgen.inversion.solve import solve as solve_move
     from flexgen.mechanics.limits import Limits
-    from flexgen.reports.texts import solution_details
+    from flexgen.reports.texts import solution_details, summary_of_solution
 
     out, report = outputs
     given = keywords(args, "move", "limits", "ignore_limits", "fastest")
@@ -146,7 +146,7 @@ def _solve_one(
         comparison = compare(solution, robustness=args.robustness, progress=log)
         data |= comparison.to_dict()
         files["report"] = comparison.report(report)
-    text = solution.to_text()
+    text = solution.to_text() if args.details else summary_of_solution(solution)
     if equations.model.uncertainty is not None and not problem_of(solution, args.accuracy):
         from flexgen.uncertainty.prediction import predict
 

@@ -1,4 +1,4 @@
-"""Inverse dynamics with splines of the non-actuated coordinates: outputs that are flat, or nearly so.
+"""Inverse dynamics with splines of the non-actuated coordinates, for flat outputs.
 
 At a flat point the non-actuated rows do not contain the acceleration of some coordinate, and their
 zero lies at infinity; near it the zero dynamics is an oscillation much faster than the path. The
