@@ -18,6 +18,7 @@ Progress = Callable[[str], None]  # takes one line of text
 Choice = Progress | bool | None  # what a caller gives: a function, on or off, or the default
 
 QUIET = 0.3  # s; messages before this time are not shown
+EVERY = 2.0  # s between progress messages of a loop
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -152,3 +153,16 @@ class _Line:
         with suppress(AttributeError, ValueError, OSError):  # a closed stream
             self._stream.write(text if text == "\r" else f"\r{padded}")
             self._stream.flush()
+
+
+def throttle(log: Progress) -> Progress:
+    """The function that passes a message on where the last one is `EVERY` old."""
+    last = time.monotonic()
+
+    def tell(text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last > EVERY:
+            last = time.monotonic()
+            log(text)
+
+    return tell

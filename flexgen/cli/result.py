@@ -5,7 +5,6 @@ Nothing heavy is imported before a verb runs, so that help and usage errors appe
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from flexgen.results import Result
 
 Progress = Callable[[str], None]  # prints a progress message
-EVERY = 2.0  # s between progress messages
 
 
 @dataclass
@@ -157,19 +155,6 @@ def with_files(
     lines = "\n".join(f"wrote {path}" for path in files.values() if path is not None)
     paths = {key: None if path is None else str(path) for key, path in files.items()}
     return VerbResult({**data, **paths}, f"{text}\n\n{lines}" if lines else text, problem, **more)
-
-
-def throttle(log: Progress) -> Progress:
-    """Print a message now and then."""
-    last = time.monotonic()
-
-    def tell(text: str) -> None:
-        nonlocal last
-        if time.monotonic() - last > EVERY:
-            last = time.monotonic()
-            log(text)
-
-    return tell
 
 
 def check_report(directory: Path | None) -> None:

@@ -7,7 +7,7 @@ model file is never written.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from flexgen.codegen.clib_files import inversion_files, inversion_header, kernel_files
 from flexgen.codegen.example import example
@@ -29,9 +29,19 @@ _INTERNAL = re.compile(
 )
 
 
-def function_texts(spec: LibrarySpec) -> dict[str, FunctionText]:
-    """The mathematics of every function as C, by name; BuildError where an operation cannot be written."""
-    return {f.name: _write(spec, f) for f in spec.functions}
+def function_texts(
+    spec: LibrarySpec, log: Callable[[str], None] | None = None
+) -> dict[str, FunctionText]:
+    """The mathematics of every function as C, by name; BuildError where an operation cannot be written.
+
+    ``log`` gets a line before each function.
+    """
+    found = {}
+    for k, function in enumerate(spec.functions, 1):
+        if log is not None:
+            log(f"writing function {k} of {len(spec.functions)}: {function.name}")
+        found[function.name] = _write(spec, function)
+    return found
 
 
 def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -> dict[str, str]:

@@ -23,6 +23,7 @@ from typing import Any, Literal, get_args
 
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.library.object_cache import Objects, one_at_a_time
+from flexgen.progress import throttle
 from flexgen.runtime.processor import INSTRUCTION_SETS
 from flexgen.runtime.targets import TARGETS, Target, library_suffix
 
@@ -456,6 +457,7 @@ def _compile(
     """The object of each source, in the source's folder: from the cache, or compiled."""
     missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
     workers = max(2, os.cpu_count() or 1)
+    tell = throttle(log)
     known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
     log(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
     with ThreadPoolExecutor(max_workers=workers) as pool:
@@ -472,9 +474,10 @@ def _compile(
             ]
             jobs[file] = pool.submit(run_compiler, "C compiler", words, folder, _object(file))
         try:
-            for file, job in jobs.items():
+            for done, (file, job) in enumerate(jobs.items(), 1):
                 job.result()
                 stored.keep(folder / file)
+                tell(f"compiled file {done} of {len(jobs)}: {file}")
         except BuildError:
             pool.shutdown(cancel_futures=True)
             raise

@@ -56,7 +56,7 @@ from flexgen.library.packaging import packaging
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import added_sources
 from flexgen.model.reader import read
-from flexgen.progress import Choice, reported
+from flexgen.progress import Choice, reported, throttle
 from flexgen.results import Result
 from flexgen.runtime.identity import FORMAT
 from flexgen.runtime.targets import TargetName
@@ -388,7 +388,7 @@ def _write_sources(
         from flexgen.library.stream_defaults import with_defaults
 
         spec = with_defaults(request.model, spec)
-    written = function_texts(spec)
+    written = function_texts(spec, throttle(log))
     texts = emit(spec, written)
     if request.solvers is not None and spec.inverts:
         # one header, so that other choices of solvers take the same objects

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import textwrap
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from io import BytesIO
@@ -129,14 +129,19 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
             self._functions[name] = self.build(name, *built)
         return self._functions[name]
 
-    def sizes(self) -> dict[str, int]:
-        """Number of instructions of each function that the model has, by its name."""
+    def sizes(self, progress: Callable[[str], None] | None = None) -> dict[str, int]:
+        """Number of instructions of each function that the model has, by its name.
+
+        ``progress`` gets a line before each function that is built.
+        """
         missing = {*INVERSION, *FUNCTIONS} - set(offered_functions(self.model))
-        return {
-            name: int(self.function(name).n_instructions())
-            for name in BUILDERS
-            if name not in missing
-        }
+        names = [name for name in BUILDERS if name not in missing]
+        found = {}
+        for k, name in enumerate(names, 1):
+            if progress is not None:
+                progress(f"deriving function {k} of {len(names)}: {name}")
+            found[name] = int(self.function(name).n_instructions())
+        return found
 
     def dae(self) -> ImplicitDae:
         """The equations of motion as one implicit DAE ``F(xdot, x, z, u) = 0`` with names and units.

@@ -95,7 +95,7 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     last = _last_moving(motion.v_a)
     count = int(np.clip((t[last] - t[0]) / STEP, FEWEST, MOST))
     at = np.unique(np.searchsorted(t, np.linspace(t[0], t[last], count + 1)).clip(0, last))
-    arguments = (
+    arguments = [
         motion.q_a,
         motion.v_a,
         motion.a_a,
@@ -103,11 +103,13 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
         motion.v_m,
         motion.a_m,
         motion.tau_m,
-    )
+    ]
     n = model.dof
     # a force of constant direction pushes by J(q)' f: it has a stiffness, -d(J' f)/dq
-    acting = equations if motion.force is None else equations.pushed
-    arguments = arguments if motion.force is None else (*arguments, motion.force)
+    acting = equations
+    if motion.force is not None:
+        acting = equations.pushed
+        arguments.append(motion.force)
     M, D, K, _ = second_order_matrices(
         *evaluate(acting.function("residual_jacobians"), *(x[at] for x in arguments))
     )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from flexgen.cli.result import Progress, VerbResult, keywords, read_model, throttle, with_files
+from flexgen.cli.result import Progress, VerbResult, keywords, read_model, with_files
 from flexgen.errors import ArgumentError
+from flexgen.progress import throttle
 
 
 def calibrate(args: Namespace, log: Progress) -> VerbResult:

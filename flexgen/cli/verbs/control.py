@@ -13,12 +13,12 @@ from flexgen.cli.result import (
     alone,
     keywords,
     read_model,
-    throttle,
     wall_of,
     with_files,
     written,
 )
 from flexgen.errors import ArgumentError
+from flexgen.progress import throttle
 from flexgen.reports.text_tables import number, table
 
 if TYPE_CHECKING:

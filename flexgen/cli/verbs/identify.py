@@ -13,10 +13,10 @@ from flexgen.cli.result import (
     alone,
     keywords,
     read_model,
-    throttle,
     with_files,
 )
 from flexgen.errors import ArgumentError
+from flexgen.progress import throttle
 from flexgen.reports.text_tables import number
 
 HARDWARE = {  # options of `excite` and the fields of DriveHardware

@@ -10,6 +10,7 @@ from flexgen.atomic_files import write_text
 from flexgen.cli.result import Progress, VerbResult, derive_model, with_files
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
+from flexgen.progress import throttle
 from flexgen.reports.text_tables import paragraph, roots, table
 
 
@@ -41,7 +42,8 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
         form = "latex" if args.out.suffix == ".tex" else "text"
     began = time.perf_counter()
     equations = derive_model(args)
-    robot, functions = equations.model, equations.sizes()
+    robot = equations.model
+    functions = equations.sizes(throttle(log))
     data: dict[str, Any] = {
         "model": robot.name,
         "variant": robot.variant,
@@ -81,8 +83,11 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
         from flexgen.paths.path import find_move
 
         path = ToolPath(equations, find_move(equations.model, args.move))
+    log(f"analyzing {equations.model.name}: modes, zeros, index")
     analysis = analyze_model(equations, args.pose, path)
     data = analysis.to_dict()
+    if args.report is not None:
+        log("drawing and writing the report")
     files = {} if args.report is None else {"report": analysis.report(args.report)}
     poles = paragraph("poles, 1/s: " + ", ".join(roots(plain(data["poles"]))))
     return with_files(analysis.to_text(), data, files, details=poles)
