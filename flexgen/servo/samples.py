@@ -13,25 +13,15 @@ from __future__ import annotations
 
 from typing import Literal
 
-import casadi as ca
 import numpy as np
-from scipy.sparse import csc_matrix, diags_array, vstack
+from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from flexgen.errors import SolverError
+from flexgen.numerics.bounded_differences import solve_bounded_differences
 
 Interpolation = Literal["hold", "linear", "cubic"]
-_DIFFERENCES = {1: [-1.0, 1.0], 2: [1.0, -2.0, 1.0]}
 SLACK = 1e-9  # relative: a bound that is reached is kept
-# first-order methods do not end: second differences are 1e-4 of the samples
-QP = {
-    "nlpsol": "ipopt",
-    "error_on_fail": False,
-    "nlpsol_options": {
-        "print_time": False,
-        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-11, "bound_relax_factor": 0.0},
-    },
-}
 
 
 def basis(time: np.ndarray, edges: np.ndarray, interpolation: str) -> csc_matrix:
@@ -66,33 +56,27 @@ def fit_samples(B: csc_matrix, r: np.ndarray) -> np.ndarray:
 def fit_within(
     B: csc_matrix, r: np.ndarray, period: float, limits: tuple[np.ndarray | None, np.ndarray | None]
 ) -> np.ndarray:
-    """The same of joints (k, n_g) within bounds of speed and acceleration, (n_g,) each; None: no bound.
+    """Samples of joints (k, n_g) within bounds of speed and acceleration, (n_g,) each; None: no bound.
 
     Raises
     ------
     SolverError
-        No samples keep the bounds.
+        No samples were found that keep the bounds.
     """
-    k, kept = B.shape[1], [(n, bound) for n, bound in enumerate(limits, 1) if bound is not None]
-    steps = {
-        n: diags_array(_DIFFERENCES[n], offsets=range(n + 1), shape=(k - n, k)) for n, _ in kept
-    }
-    A, H = (ca.DM(csc_matrix(x)) for x in (vstack([steps[n] for n, _ in kept]), B.T @ B))
-    solver = ca.conic("samples", "nlpsol", {"h": H.sparsity(), "a": A.sparsity()}, QP)
+    k = B.shape[1]
+    kept = [(n, bound) for n, bound in enumerate(limits, 1) if bound is not None]
+    H = csc_matrix(B.T @ B)
     out = np.empty((k, r.shape[1]))
     for j, own in enumerate((r - r[0]).T):
         scale = max(float(np.abs(own).max()), 1e-12)
-        most = np.concatenate(
-            [np.full(k - n, (1 - SLACK) * bound[j] * period**n / scale) for n, bound in kept]
-        )
-        rows = ca.mtimes(ca.diag(ca.DM(1.0 / most)), A)
-        found = solver(h=H, g=-(B.T @ (own / scale)), a=rows, lba=-1.0, uba=1.0)
-        if not solver.stats()["success"]:
+        most = {n: np.full(k - n, (1 - SLACK) * bound[j] * period**n / scale) for n, bound in kept}
+        found = solve_bounded_differences(H, -(B.T @ (own / scale)), most)
+        if found is None:
             words = " and ".join(
                 f"{('speed', 'acceleration')[n - 1]} {bound[j]:.4g}" for n, bound in kept
             )
             raise SolverError(
                 f"limits: no samples of joint {j + 1} keep {words} (SI units, joint side); increase them"
             )
-        out[:, j] = scale * np.asarray(found["x"]).ravel()
+        out[:, j] = scale * found
     return out + r[0]
