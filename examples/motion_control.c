@@ -6,7 +6,8 @@
  *   stream         inverse dynamics of the elastic robot, one update every 5 ms, done in five parts (planner.h)
  *   feedforward    torques for a drive that holds them for 1 ms and has them 1 ms late
  *   feedback       position and speed control of every motor, limited torques, no windup (controller.h)
- *   collision      residual of the momentum, brake along the path, hold (controller.h)
+ *   supervision    readings, cycles, references, following errors, speeds, torques: torque off, brakes (controller.h)
+ *   collision      residual of the momentum, brake along the path, hold, brakes (controller.h)
  *   robot          forward dynamics of the library (plant.h), angles by encoders
  *
  * Five runs of the program:
@@ -16,6 +17,9 @@
  *   windup         the same, and the integral parts of the feedback continue: a planted mistake
  *   contact        a force of 100 N on the tool, against its motion; thresholds from the nominal run
  *   ignored        the same without a reaction: a planted mistake
+ *
+ * The runs with a planted mistake, and the one that saturates for a long time, are without supervision of following
+ * errors. The brakes act 50 ms after the flag of the controller.
  *
  * Then the nominal run again, until 100 000 cycles were timed. The robot of a build is that of the header `robot.h`:
  *
@@ -126,17 +130,21 @@ static void push(const double *before, const double *now, double f_tool[6])
 /* Start controller and robot at rest at the start of the path. */
 static int start(run_kind kind, const figures *nominal)
 {
-    double torque_max[NM], threshold[NM];
+    const int saturates = kind == SATURATED || kind == WINDUP, touches = kind == CONTACT || kind == IGNORED;
+    double torque[NM], residual[NM];
+    motor_limits limits = {NULL, NULL, NULL, NULL, NULL, NULL};
     const double *q_m = control_system.plan.q_m[0];
     int status;
     for (int j = 0; nominal != NULL && j < NM; ++j) {
-        torque_max[j] = saturation[j] * nominal->torque[j];
-        threshold[j] = 2.0 * nominal->residual[j];
+        torque[j] = saturation[j] * nominal->torque[j];
+        residual[j] = saturates ? HUGE_VAL : 2.0 * nominal->residual[j];
     }
-    status = start_controller(&control_system, kind == SATURATED || kind == WINDUP ? torque_max : NULL,
-        kind == CONTACT || kind == IGNORED ? threshold : NULL);
+    limits.torque = saturates ? torque : NULL;
+    limits.residual = saturates || touches ? residual : NULL;
+    status = start_controller(&control_system, &limits);
     control_system.has_antiwindup = kind != WINDUP;
     control_system.reacts = kind != IGNORED;
+    control_system.monitors = !saturates && kind != IGNORED;
     memset(&robot, 0, sizeof robot);
     memcpy(robot.x, control_system.plan.q_start, sizeof control_system.plan.q_start);
     memcpy(robot.x + 2 * NA, q_m, sizeof control_system.plan.q_m[0]);
@@ -146,6 +154,7 @@ static int start(run_kind kind, const figures *nominal)
 /* One run of the program. file: for its motion, or null; timed: number of cycles that were timed so far, or null. */
 static int run(run_kind kind, const figures *nominal, FILE *file, int *timed, figures *out)
 {
+    int64_t flag = -1; /* cycle in which the brakes were flagged */
     double duration, q_start[NA], fastest[NM] = {0.0}, before[3] = {0.0}, touched[3] = {0.0}, u[NM], acting[NM];
     int status = CALL(path_start)(path_table, path_size, &duration, q_start);
     memset(out, 0, sizeof *out);
@@ -194,9 +203,8 @@ static int run(run_kind kind, const figures *nominal, FILE *file, int *timed, fi
         if (file != NULL) {
             write_row(file, k, robot.x, acting, y);
         }
-        if (status >= SIZE(OK)) {
-            status = control_system.status;
-        }
+        flag = control_system.brakes && flag < 0 ? k : flag;
+        robot.engaged = flag >= 0 && CYCLE * (double)(k - flag) >= BRAKES_DELAY;
         if (status >= SIZE(OK)) {
             status = move_plant(&robot, acting);
         }
@@ -220,9 +228,10 @@ static int run(run_kind kind, const figures *nominal, FILE *file, int *timed, fi
     out->found = control_system.found;
     out->holding = control_system.holding;
     out->warnings = control_system.plan.warnings;
-    return status < SIZE(OK)                     ? status :
-           control_system.plan.status < SIZE(OK) ? (int)control_system.plan.status :
-                                                   SIZE(OK);
+    return status < SIZE(OK)                                         ? status :
+           control_system.lost > 0                                   ? NOT_IN_BUFFER :
+           kind == CONTACT && control_system.fault == (int)COLLISION ? SIZE(OK) :
+                                                                       control_system.fault;
 }
 
 static int by_size(const void *a, const void *b)

@@ -25,12 +25,14 @@ enum {
     READY = 6 * PARTS,        /* samples that are ready ahead of the controller */
     RING = READY + 2 * PARTS, /* samples of the buffer */
     MEMORY = (int)SIZE(STREAM_SIZE)(INTERVALS, PARTS),
-    WORK = 2 * SIZE(BATCH_WORK), /* enough for the interpolator and for all functions of one point */
-    NOT_IN_BUFFER = -1000        /* a status of this program, not of the library */
+    WORK = 2 * SIZE(BATCH_WORK),      /* enough for the interpolator and for all functions of one point */
+    NOT_IN_BUFFER = -1000,            /* statuses of this program, not of the library */
+    BAD_REFERENCE = NOT_IN_BUFFER - 6 /* a path or a reference that jumps, or is too fast for a motor */
 };
 
-static const double CYCLE = 1e-3; /* s */
-static const double LATE = 1.0;   /* cycles from a measurement to the torque */
+static const double CYCLE = 1e-3;     /* s */
+static const double LATE = 1.0;       /* cycles from a measurement to the torque */
+static const double PATH_STEP = 1e-5; /* m, rad: of the path, beyond what its derivatives say; 1e-9 is usual */
 
 typedef struct {
     CALL(stream) stream; /* in `memory` */
@@ -39,7 +41,8 @@ typedef struct {
     double q_start[NA];     /* arm coordinates at the start, with their deflections */
     int64_t updates, ready; /* updates that have begun; samples that were written */
     int64_t warnings;       /* updates with TOLERANCE_NOT_MET */
-    CALL(status) status;    /* negative: the stream has failed, no sample follows */
+    double y[3][NT];        /* last sample of the path, and its derivatives */
+    int status;             /* negative: path or stream have failed, no sample follows */
 } planner;
 
 /* Time of the path at sample k of the stream [s]: the path begins after a horizon. */
@@ -48,12 +51,34 @@ static double path_time(int64_t k)
     return CYCLE * (double)(k - (INTERVALS - 1) * PARTS);
 }
 
+/*
+ * Whether a sample of the path follows the last one, by Euler and Maclaurin: the change of y is
+ * T (dy_0 + dy_1)/2 + T^2 (ddy_0 - ddy_1)/12. Only positions where the output has a rotation matrix.
+ */
+static int path_follows(planner *p, const double *y, const double *dy, const double *ddy)
+{
+    const double T = PARTS * CYCLE;
+    const int n = NT == NY ? NY : 3;
+    int follows = 1;
+    for (int i = 0; i < n; ++i) {
+        const double change = T * (0.5 * (dy[i] + p->y[1][i]) + T / 12.0 * (p->y[2][i] - ddy[i]));
+        follows = follows && fabs(y[i] - p->y[0][i] - change) <= PATH_STEP; /* not for NaN */
+        p->y[0][i] = y[i];
+        p->y[1][i] = dy[i];
+        p->y[2][i] = ddy[i];
+    }
+    return follows;
+}
+
 /* The path sample at the end of the horizon goes to the stream. */
 static void begin_update(planner *p)
 {
     double y[NT], dy[NY], ddy[NY];
     p->updates += 1;
     p->status = CALL(path_sample)(path_table, path_size, CYCLE * PARTS * (double)p->updates, y, dy, ddy, p->work, WORK);
+    if (p->status >= SIZE(OK) && !path_follows(p, y, dy, ddy)) {
+        p->status = BAD_REFERENCE;
+    }
     if (p->status >= SIZE(OK)) {
         p->status = CALL(stream_begin)(&p->stream, y, dy, ddy);
     }
@@ -81,7 +106,7 @@ static void finish_update(planner *p)
 }
 
 /* Start at rest where the path begins, with READY samples in the buffer. */
-static CALL(status) start_planner(planner *p)
+static int start_planner(planner *p)
 {
     const CALL(stream_options) options = {
         .intervals = INTERVALS,
@@ -103,6 +128,7 @@ static CALL(status) start_planner(planner *p)
         p->status = CALL(path_sample)(path_table, path_size, 0.0, y, dy, ddy, p->work, WORK);
     }
     if (p->status == SIZE(OK)) {
+        (void)path_follows(p, y, dy, ddy);
         p->status = CALL(stream_start)(&p->stream, &options, y, q_start);
     }
     while (p->status >= SIZE(OK) && p->ready < READY) {

@@ -230,7 +230,12 @@ def contacts(program: Path) -> list[subprocess.CompletedProcess[str]]:
 
 LONG = ("controller.h", "BRAKE = 2 * (READY - PARTS - 1)", "BRAKE = 2 * (READY - 2)")
 UNCHECKED = ("planner.h", "if (k < 0 || k < p->ready - RING || k + 1 >= p->ready)", "if (k < 0)")
-UNLIMITED = ("controller.h", "torque_max[j] : torque_limit[j];", "torque_max[j] : HUGE_VAL;")
+UNWATCHED = ("controller.h", "if (c->monitors && c->state != OFF)", "if (c->monitors < 0)")
+UNLIMITED = (
+    "controller.h",
+    "given->torque, torque_limit, 1.0)",
+    "given->torque, torque_limit, 1e9)",
+)
 
 
 @pytest.mark.slow
@@ -255,7 +260,7 @@ def test_the_brake_has_its_samples_in_every_cycle(tmp_path: Path) -> None:
                 and "contact: the controller needs a sample that is not in" in answer.stderr
             )
     for phase, answer in zip(
-        phases, contacts(planted(folders[2], LONG, UNCHECKED, UNLIMITED)), strict=True
+        phases, contacts(planted(folders[2], LONG, UNCHECKED, UNWATCHED, UNLIMITED)), strict=True
     ):
         assert (table(answer.stdout)["contact"][4] > 3.0 * TORQUE) == (phase not in (0, 4))
 

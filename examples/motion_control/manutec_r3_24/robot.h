@@ -27,6 +27,13 @@ static const double ENCODER = 6.283185307179586 / 1048576; /* rad: resolution */
    file, which states none here; about 1.5 times the largest torques of the program. */
 static const double torque_limit[] = {4.5, 6.5, 8.5, 1.1, 0.9, 0.4};
 
+/* Speed limits of the motors [rad/s]: 1.1 times the largest speeds of the program. */
+static const double speed_limit[] = {60.0, 197.0, 112.0, 95.0, 74.0, 60.0};
+
+/* Torques of the motors that the model does not explain [N m], beyond which the controller finds a collision: 1.5 times
+   the largest residuals of the program with 5 % less torque, friction, a load of 3 kg and a push of 100 N. */
+static const double residual_limit[] = {2.8, 1.2, 1.6, 0.63, 0.26, 0.17};
+
 /* Torque limits of the run that saturates, as a share of the largest torques of the nominal run; motor 1 has the
    vertical axis. */
 static const double saturation[] = {0.6, 2.0, 2.0, 2.0, 2.0, 2.0};

@@ -27,6 +27,13 @@ static const double ENCODER = 6.283185307179586 / 1048576; /* rad: resolution */
    file, which states none here; about 1.5 times the largest torques of the program. */
 static const double torque_limit[] = {30.0, 6.0};
 
+/* Speed limits of the motors [rad/s]: 1.1 times the largest speeds of the program. */
+static const double speed_limit[] = {170.0, 133.0};
+
+/* Torques of the motors that the model does not explain [N m], beyond which the controller finds a collision: 1.5 times
+   the largest residuals of the program with 5 % less torque, friction, a load of 3 kg and a push of 100 N. */
+static const double residual_limit[] = {5.5, 1.1};
+
 /* Torque limits of the run that saturates, as a share of the largest torques of the nominal run. */
 static const double saturation[] = {0.85, 0.85};
 
