@@ -12,9 +12,9 @@
  * cycle: engage the brakes of the robot, which have to act within BRAKES_ACT. Torque off without brakes lets an arm
  * fall.
  *
- * Faults after which neither encoders nor motors can be trusted (FOLLOWING_ERROR, OVERSPEED) switch the torque off at
- * once, in every state: feedback on a wrong angle, or through a motor of the wrong sign, accelerates the motor. A
- * reading that cannot be is refused from then on, and the motor follows its feedforward torque alone.
+ * Faults after which neither encoders nor motors can be trusted (FOLLOWING_ERROR, OVERSPEED, DRIVE_FAULT) switch the
+ * torque off at once, in every state: feedback on a wrong angle, or through a motor of the wrong sign, accelerates the
+ * motor. An encoder with an impossible reading is refused from then on; its motor has the feedforward torque alone.
  *
  * Collisions are found by the residual of the generalized momentum: A. De Luca, R. Mattone, IEEE ICRA 2005.
  */
@@ -32,7 +32,8 @@ static const double PI = 3.141592653589793;
  * of 3 kg that the model does not have and a push of 100 N on the tool take up to two thirds of it. */
 static const double FOLLOWING = 0.35;
 /* Torque on a rotor that appears within two cycles and that the model does not explain, by default: a share of the
- * torque limit, and the torque of READING_NOISE [rad], 4 J noise/T^2. A push of 100 N takes two thirds of the share. */
+ * torque limit, and the torque of READING_NOISE [rad], 4 J noise/T^2. Half of it is the most with that noise and
+ * that push. */
 static const double SUDDEN = 0.05, READING_NOISE = 5e-5;
 /* Acceleration that a motor can have, relative to its torque limit over its own inertia: its spring can act with the
  * torque, and a push can wind it up further. A reading or a reference beyond it is wrong. */
@@ -364,8 +365,7 @@ static void check_cycle(controller *c, int64_t k, const double *measured, double
     }
     for (int j = 0; j < NM; ++j) {
         const double expected = c->q[j] + (follows ? c->v[j] * CYCLE : 0.0);
-        const double margin = follows ? c->bend_max[j] :
-                                        fmin(c->speed_max[j], HUGE_VAL) * CYCLE * cycles + c->bend_max[j];
+        const double margin = follows ? c->bend_max[j] : c->speed_max[j] * CYCLE * cycles + c->bend_max[j];
         if (!c->refused[j] && !(fabs(measured[j] - expected) <= margin)) { /* NaN too */
             set_fault(c, BAD_READING, j);
             c->refused[j] = 1;
@@ -616,7 +616,7 @@ static void control(controller *c, int64_t k, const double *measured, double *u)
     memcpy(c->q, q_m, sizeof c->q);
     memcpy(c->v, v_m, sizeof c->v);
     memcpy(c->q_ref, q_ref, sizeof c->q_ref);
-    c->next = k < INT64_MAX ? k + 1 : k;
+    c->next = k >= 0 && k < INT64_MAX - RING ? k + 1 : 0;
     c->status = c->fault < SIZE(OK) ? c->fault : limited ? AT_LIMIT : SIZE(OK);
     memcpy(c->u, u, sizeof c->u);
 }

@@ -87,7 +87,7 @@ MORE = {
     "k min": {MISSED_CYCLES},
 }
 # Larger speeds, and their reason: a force that lasts moves motors that cannot hold it until the brakes act. 1000 N are
-# 1.4 times the torque limit of motor 2 of planar5_nmp. The wrist of manutec_r3_24 is pushed with 150 N.
+# 1.3 times the torque limit of motor 2 of planar5_nmp, 0.8 m away. The wrist of manutec_r3_24 is pushed with 150 N.
 PUSHED = {"planar5_nmp": 1.25, "manutec_r3_24": 1.5}
 PUSH = {"planar5_nmp": "1000.0", "manutec_r3_24": "150.0"}
 
