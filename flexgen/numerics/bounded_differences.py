@@ -113,21 +113,42 @@ def _longest(value: np.ndarray, step: np.ndarray) -> float:
     return 1.0 / rate if rate > 0.0 else np.inf
 
 
-def _step(p: _Program, solve: _Solve, at: _Point, goal: np.ndarray | float) -> _Point:
-    """Step to s z = goal, to first order.
+@dataclass
+class _Equations:
+    """Equations of a step at a point, factorized: gradient, residual of the slacks, and the solution."""
 
-    z = goal/s loses all digits at an active bound, where s is small: there the multiplier follows from dy, and s from it.
-    """
+    at: _Point
+    gradient: np.ndarray
+    missing: np.ndarray
+    W: np.ndarray
+    solve: _Solve
+
+    def step(self, p: _Program, goal: np.ndarray | float) -> _Point:
+        """Step to s z = goal, to first order.
+
+        z = goal/s loses all digits at an active bound, where s is small: there the multiplier follows from dy, and s
+        from it.
+        """
+        s, z = self.at.s, self.at.z
+        c = goal - s * z
+        e = (c + z * self.missing) / s
+        dx, dy = self.solve(-self.gradient, (e[1] - e[0]) / self.W)
+        ds = -self.missing - SIDES * (p.D @ dx)
+        dz = (c - z * ds) / s
+        upper = z[0] * s[1] > z[1] * s[0]
+        dz = np.array([np.where(upper, dy + dz[1], dz[0]), np.where(upper, dz[1], dz[0] - dy)])
+        of_multiplier = (c - s * dz) / z
+        return _Point(dx, np.where(np.array([upper, ~upper]), of_multiplier, ds), dz)
+
+
+def _equations(p: _Program, at: _Point) -> _Equations | None:
+    """Equations of a step, or None if they are singular."""
+    W = (at.z / at.s).sum(axis=0)
+    solve = p.factorize(W)
+    if solve is None:
+        return None
     missing = SIDES * (p.D @ at.x) + at.s - 1.0
-    c = goal - at.s * at.z
-    e = (c + at.z * missing) / at.s
-    dx, dy = solve(-p.gradient(at.x, at.z), (e[1] - e[0]) / (at.z / at.s).sum(axis=0))
-    ds = -missing - SIDES * (p.D @ dx)
-    dz = (c - at.z * ds) / at.s
-    upper = at.z[0] / at.s[0] > at.z[1] / at.s[1]
-    dz = np.stack([np.where(upper, dy + dz[1], dz[0]), np.where(upper, dz[1], dz[0] - dy)])
-    of_multiplier = (c - at.s * dz) / at.z
-    return _Point(dx, np.where(np.stack([upper, ~upper]), of_multiplier, ds), dz)
+    return _Equations(at, p.gradient(at.x, at.z), missing, W, solve)
 
 
 def _search(p: _Program) -> _Point:
@@ -138,13 +159,13 @@ def _search(p: _Program) -> _Point:
         mu = float((at.s * at.z).mean())
         if mu < ENDED * p.scale:
             break
-        solve = p.factorize((at.z / at.s).sum(axis=0))
-        if solve is None:
+        equations = _equations(p, at)
+        if equations is None:
             break
-        guess = _step(p, solve, at, 0.0)
+        guess = equations.step(p, 0.0)
         reached = at.move(guess, 1.0)
         center = mu * (float((reached.s * reached.z).mean()) / mu) ** 3
-        found = at.move(_step(p, solve, at, center - guess.s * guess.z), TO_BOUNDARY)
+        found = at.move(equations.step(p, center - guess.s * guess.z), TO_BOUNDARY)
         if not all(np.isfinite(part).all() for part in (found.x, found.s, found.z)):
             break
         at = found
