@@ -21,13 +21,18 @@ body{{max-width:62em;margin:2em auto;font-family:sans-serif}}img{{width:100%}}pr
 """
 
 
+# The scripts that show most come first, the others by name.
+FIRST = ("models_compared", "non_minimum_phase", "uncertain_robots", "identification")
+
+
 def scripts() -> list[Path]:
-    """The scripts of the gallery, by name."""
-    return [
+    """The scripts of the gallery in the order of the page."""
+    others = [
         path
         for path in sorted(HERE.glob("*.py"))
-        if path.stem not in ("build", "exhibit", "linear_loop")
+        if path.stem not in ("build", "exhibit", "linear_loop", *FIRST)
     ]
+    return [*(HERE / f"{name}.py" for name in FIRST), *others]
 
 
 def title(script: Path) -> str:

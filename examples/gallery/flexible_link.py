@@ -52,11 +52,13 @@ def show(page: Page) -> None:
 
     axes = page.figure(2.8).subplots()
     for n, values in zip(MODES, zeros, strict=True):
-        axes.plot(values.real, np.full(len(values), n), "o", ms=5)
+        text = f"{n} mode" if n == 1 else f"{n} modes"
+        axes.plot(values.real, np.full(len(values), n), "o", ms=5, label=text)
     axes.axvline(0.0, color="k", lw=0.7)
     axes.set_xscale("symlog", linthresh=100)
     axes.set_yticks(MODES)
     axes.set_ylabel("modes")
+    axes.legend(loc="upper left", fontsize=8)
     axes.set_xlabel("real part of the zeros from the motors to the tip, 1/s")
 
 

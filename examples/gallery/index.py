@@ -59,6 +59,7 @@ def show(page: Page) -> None:
         axes.set_xticks(range(len(s.unknowns)), s.unknowns, rotation=90)
         axes.set_yticks(range(len(s.equations)), s.equations)
         axes.set_title(f"{name}: index {s.index}")
+        axes.set_xlabel("number: highest derivative of an unknown in an equation")
 
 
 if __name__ == "__main__":

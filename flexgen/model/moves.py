@@ -13,7 +13,7 @@ from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import Where as Where
 from flexgen.type_checks import checked_class
 
-Vector = tuple[float, ...]
+Vector = Sequence[float]
 Matrix = tuple[tuple[float, ...], ...]
 
 NO_ROTATION: Vector = (0.0, 0.0, 0.0)

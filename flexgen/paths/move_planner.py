@@ -150,7 +150,7 @@ class _Planner:
         move = self.move
         if not move.profile:
             if move.timing:
-                return SplineLaw(move.duration, move.timing, curve.length)
+                return SplineLaw(move.duration, tuple(move.timing), curve.length)
             return TimeLaw(move.duration, move.smoothness, curve.length)
         return plan_law(
             self.reference,
@@ -538,7 +538,9 @@ class _Planner:
         curve = BlendedCurve(start, orientation, segments, zones)
         space = "joint" if joints else "tool"
         if timing is not None:
-            return TimedSegment(space, curve, SplineLaw(timing[0], timing[1:], curve.length), time)
+            return TimedSegment(
+                space, curve, SplineLaw(timing[0], tuple(timing[1:]), curve.length), time
+            )
         try:
             law = plan_law(
                 self.reference,
