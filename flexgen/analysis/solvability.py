@@ -238,7 +238,7 @@ def _tool(equations: Equations, arm: ArmLinearization) -> np.ndarray:
     model, length = equations.model, reach(equations)
     rows = np.ones(model.output.size)
     if model.output.type != "combination":
-        rows[: min(3, len(rows))] = 1 / length
+        rows[: len(model.output.axes)] = 1 / length
     columns = np.array([length if model.coordinates[i].unit == "m" else 1.0 for i in model.i_g])
     return arm.W_g * rows[:, None] * columns
 

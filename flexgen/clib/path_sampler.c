@@ -240,7 +240,9 @@ static inline int law_at(reader *r, real t, real s[JET])
 
 enum {
     WIDER = NG > NY ? NG : NY,
-    DIMENSIONS = WIDER > 3 ? WIDER : 3, /* of a curve, at most */
+    POSITION = 3,                       /* coordinates of a curve of the tool that are lengths; an angle may follow */
+    DIMENSIONS = WIDER > 4 ? WIDER : 4, /* of a curve, at most */
+    ARC_SHAPE = 7,                      /* numbers of an arc */
     NODES = 12,                         /* of Gauss' quadrature */
     ARC_STEPS = 12,                     /* of Newton's method, at most */
     KNOTS_MAX = 1000,
@@ -274,7 +276,7 @@ static inline void composed(const real f[JET], const real s[JET], real out[JET])
 typedef struct {
     int is_arc;
     const real *length, *rate, *rotation, *axis, *hat2; /* hat2: square of the cross-product matrix of the axis */
-    const real *shape;                                  /* displacement, or both radius vectors and the rate */
+    const real *shape; /* displacement, or both radius vectors and the rate, then the displacement of an angle */
 } geometry;
 
 static inline int take_geometry(reader *r, int dimensions, geometry *g)
@@ -289,8 +291,9 @@ static inline int take_geometry(reader *r, int dimensions, geometry *g)
     g->rotation = take(&block, 3);
     g->axis = take(&block, 3);
     g->hat2 = take(&block, 9);
-    g->shape = take(&block, g->is_arc == 1 ? 7 : dimensions);
-    return g->is_arc >= 0 && (!g->is_arc || dimensions == 3) && g->shape != NULL && g->hat2 != NULL;
+    g->shape = take(&block, g->is_arc == 1 ? ARC_SHAPE + dimensions - POSITION : dimensions);
+    return g->is_arc >= 0 && (!g->is_arc || dimensions == POSITION || dimensions == POSITION + 1) &&
+           g->shape != NULL && g->hat2 != NULL;
 }
 
 /* Jet of the displacement from the start, from the jet of the parameter. */
@@ -314,6 +317,11 @@ static inline void displacement(const geometry *g, int dimensions, const real s[
             const real f[JET] = {0.0, cosine * b[i] - sine * a[i], -cosine * a[i] - sine * b[i]};
             composed(f, phi, out[i]);
             out[i][0] = sine * b[i] - 2.0 * (half * half) * a[i]; /* 1 - cos without cancellation */
+        }
+        for (int i = POSITION; i < dimensions; ++i) {
+            for (int k = 0; k < JET; ++k) {
+                out[i][k] = g->shape[ARC_SHAPE + i - POSITION] * (s[k] / *g->length);
+            }
         }
     }
 }
@@ -500,7 +508,7 @@ static inline real corner_speed(const corner *c, int dimensions, real at)
     real x[DIMENSIONS][JET], sum;
     corner_position(c, dimensions, u, x);
     sum = x[0][1] * x[0][1];
-    for (int i = 1; i < dimensions; ++i) {
+    for (int i = 1; i < dimensions && i < POSITION; ++i) {
         sum += x[i][1] * x[i][1];
     }
     return square_root(sum);
@@ -535,7 +543,7 @@ static inline void corner_parameter(const corner *c, int dimensions, const real 
     f[1] = 1.0;
     f[2] = 0.0;
     corner_position(c, dimensions, f, x);
-    for (int i = 0; i < dimensions; ++i) {
+    for (int i = 0; i < dimensions && i < POSITION; ++i) {
         squared = squared + x[i][1] * x[i][1];
         changing = changing + (x[i][1] * x[i][2] + x[i][2] * x[i][1]);
     }

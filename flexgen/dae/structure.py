@@ -84,8 +84,8 @@ def output_names(model: RobotModel) -> tuple[str, ...]:
     """Names of the rows of the output."""
     if model.output.type == "tool_pose":
         return ("tool x", "tool y", "tool z", "tool turn x", "tool turn y", "tool turn z")
-    if model.output.type == "tool_position":
-        return tuple(f"tool {axis}" for axis in model.output.axes)
+    if model.output.type != "combination":
+        return (*(f"tool {axis}" for axis in model.output.axes), *["tool angle"] * model.output.has_angle)
     return tuple(f"output {k + 1}" for k in range(model.output.size))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from flexgen.analysis.second_order import motor_rows
 from flexgen.loop.plants import LocalDynamics
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.tool_angle import tool_angle
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 
@@ -93,9 +94,9 @@ def output_jacobian(equations: Equations) -> ca.Function:
     if model.output.type == "combination":
         return ca.Function("W", [q], [ca.SX(ca.DM(model.output.weights))])
     J = equations.function("jacobian")(q)
-    rows = (
-        list(range(6))
-        if model.output.type == "tool_pose"
-        else ["xyz".index(x) for x in model.output.axes]
-    )
-    return ca.Function("W", [q], [ca.densify(J[rows, :])])
+    rows = list(range(6)) if model.output.type == "tool_pose" else list(model.output.tool_rows)
+    W = J[rows, :]
+    if model.output.has_angle:
+        rate = tool_angle(equations).rate
+        W = ca.vertcat(W, ca.substitute(rate, equations.lagrangian.chain.q_a, q))
+    return ca.Function("W", [q], [ca.densify(W)])

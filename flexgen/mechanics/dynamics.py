@@ -15,6 +15,7 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.motor_harmonics import given_torques, motors_of_gears
+from flexgen.mechanics.tool_angle import tool_angle
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
 from flexgen.model.friction import loaded_motors
 
@@ -65,7 +66,9 @@ def output(system: System) -> Built:
     if declared.type == "combination":
         y = ca.mtimes(ca.SX(ca.DM(declared.weights)), chain.q_a)
     else:
-        y = chain.tool.p[["xyz".index(axis) for axis in declared.axes]]
+        y = chain.tool.p[list(declared.tool_rows)]
+    if declared.has_angle:
+        y = ca.vertcat(y, tool_angle(system).value)
     return [chain.q_a], ["q_a"], [y], ["y"]
 
 

@@ -252,7 +252,7 @@ class Limits:
                     name, sizes[EACH[name]]
                 )
         more: dict[str, Any] = {}
-        if robot.output.type in ("tool_pose", "tool_position"):
+        if robot.output.type != "combination":
             more = {
                 f"{name}_max": getattr(self, name) or 0.0
                 for name in ("tool_speed", "tool_acceleration")

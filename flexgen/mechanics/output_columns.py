@@ -12,8 +12,8 @@ def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
     output = model.output
     if output.type == "combination":
         return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}
-    if output.type == "tool_position":
-        return {"y_ref": tuple(output.axes)}
+    if output.type != "tool_pose":
+        return {"y_ref": (*output.axes, *["angle"] * output.has_angle)}
     return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
 
 
@@ -21,7 +21,7 @@ def output_units(model: RobotModel) -> tuple[str, ...]:
     """Unit of each row of the output y, without the orientation of a pose: "m" or "rad"."""
     output = model.output
     if output.type != "combination":
-        return ("m",) * (3 if output.type == "tool_pose" else output.size)
+        return ("m",) * len(output.axes) + ("rad",) * output.has_angle
     if output.unit != "mixed":
         return (output.unit,) * output.size
     # rows of different units are joints: each row has the unit of its coordinate

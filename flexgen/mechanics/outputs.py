@@ -8,6 +8,7 @@ import casadi as ca
 
 from flexgen.mechanics import dynamics
 from flexgen.mechanics.system import System
+from flexgen.mechanics.tool_angle import tool_angle
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,11 @@ def output_map(system: System) -> OutputMap:
     if model.output.type != "tool_pose":
         target = ca.SX.sym("target", model.output.size)
         y = ca.densify(dynamics.output(system)[2][0])
-        return OutputMap(y - target, target, ca.densify(ca.jacobian(y, q)))
+        rate = ca.densify(ca.jacobian(y, q))
+        if model.output.has_angle:
+            # that of the value has the two terms of whole turns, which cancel
+            rate[-1, :] = tool_angle(system).rate
+        return OutputMap(y - target, target, rate)
     target = ca.SX.sym("target", 12)
     p, R = (ca.densify(x) for x in dynamics.forward_kinematics(system)[2])
     return OutputMap(pose_error(p, R, target), target, ca.densify(dynamics.jacobian(system)[2][0]))

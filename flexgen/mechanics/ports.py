@@ -29,6 +29,9 @@ def _unit(template: str, units: Sequence[str]) -> tuple[str, str]:
 def _output_unit(template: str, model: RobotModel) -> tuple[str, str]:
     """The same for an array of numbers of the output."""
     output = model.output
+    if output.has_angle:
+        angle = template.format(y="rad")
+        return "mixed", f"; {template.format(y='m')} for the position, then {angle} for the angle"
     if output.type != "tool_pose":
         return template.format(y=output.unit if output.type == "combination" else "m"), ""
     return (

@@ -230,22 +230,36 @@ class Motor:
 class Output:
     """The output that a reference path prescribes.
 
-    ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"), ``"tool_pose"`` (position and rotation)
-    or ``"combination"`` (``y = weights q_a``; a joint output is a combination with one weight of 1).
-    ``unit``: that of the rows.
+    ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"), ``"tool_position_angle"`` (these rows,
+    then the angle of the tool about ``rotation_axis``, see `flexgen.mechanics.tool_angle`), ``"tool_pose"`` (position
+    and rotation) or ``"combination"`` (``y = weights q_a``; a joint output is a combination with one weight of 1).
+    ``unit``: that of the rows. ``rotation_axis``: unit vector in world axes; ``reference``: the axis of the tool frame
+    whose direction gives the angle.
     """
 
     type: str
     axes: str = "xyz"
     weights: Matrix = ()
     unit: str = "m"
+    rotation_axis: Vector = ()
+    reference: str = "x"
 
     @property
     def size(self) -> int:
         """Number of scalar outputs n_y."""
-        if self.type == "tool_pose":
-            return 6
-        return len(self.axes) if self.type == "tool_position" else len(self.weights)
+        if self.type == "combination":
+            return len(self.weights)
+        return 6 if self.type == "tool_pose" else len(self.axes) + self.has_angle
+
+    @property
+    def has_angle(self) -> bool:
+        """Whether the last output is the angle of the tool about one axis."""
+        return self.type == "tool_position_angle"
+
+    @property
+    def tool_rows(self) -> tuple[int, ...]:
+        """Axes (0 to 2) of the tool's position that are the first outputs; none of a combination."""
+        return tuple("xyz".index(axis) for axis in self.axes)
 
     @property
     def target_size(self) -> int:

@@ -39,7 +39,10 @@ from flexgen.spec.tables import Table, closest
 
 PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 MOST_TURNS = 100
-TOOL = ("tool_position", "tool_pose")
+TOOL = ("tool_position", "tool_position_angle", "tool_pose")
+TURNING = ("tool_position_angle", "tool_pose")  # with a rotation
+OF_ROTATION = 'an output of type "tool_pose", or "tool_position_angle" for a rotation about one axis'
+PARALLEL = 1e-9  # sine of the angle between two directions that are one, in a file of decimals
 
 
 # --- output -----------------------------------------------------------------------------------------------------------
@@ -83,13 +86,25 @@ _WEIGHTS = {
 }
 _ROWS = Type(_read_rows, {"type": "array", "items": _WEIGHTS, "minItems": 1})
 _AXES = 'axes of the position: one or more letters of "xyz", in this order'
+_AXES_KEY = Key("axes", text(pattern="^(?=.)x?y?z?$"), _AXES, default="xyz", check=_check_axes)
+_AXIS = "axis of the angle, world axes; the angle counts counterclockwise about it"
+_REFERENCE = "axis of the tool frame whose direction, projected along rotation_axis, gives the angle"
 OUTPUT = Kinds(
     "the quantities that a reference path prescribes; as many as motors",
     {
         "tool_position": Format(
             "position of the tool",
-            (Key("axes", text(pattern="^(?=.)x?y?z?$"), _AXES, default="xyz", check=_check_axes),),
+            (_AXES_KEY,),
             Output,
+        ),
+        "tool_position_angle": Format(
+            "position of the tool and its angle about one axis",
+            (
+                _AXES_KEY,
+                Key("rotation_axis", direction(), _AXIS),
+                Key("reference", choice("x", "y", "z"), _REFERENCE, default="x"),
+            ),
+            partial(Output, unit="mixed"),
         ),
         "tool_pose": Format(
             "position and orientation of the tool", (), partial(Output, unit="mixed")
@@ -189,14 +204,31 @@ PROFILE = Key("profile", Type(read_profile, BOUNDS), _ALONG, default=())
 def _read_rotation(table: Table, key: Key, here: Context) -> Vector:
     """The rotation vector of a move of the tool [rad]."""
     only_of_a_pose(table, key, "rotation", here)
-    return table.angles(key.name, (True,) * 3)
+    rotation, output = table.angles(key.name, (True,) * 3), here.of_file("output")
+    if output.has_angle and turns_off(rotation, output.rotation_axis):
+        raise table.fail(
+            table.unit_key(key.name),
+            f"a rotation about the axis of the output, {show_axis(output)}: a multiple of it",
+        )
+    return rotation
+
+
+def turns_off(rotation: Vector, axis: Vector) -> bool:
+    """Whether a rotation vector has a part across a unit axis."""
+    across = np.cross(rotation, axis)
+    return bool(np.linalg.norm(across) > PARALLEL * max(1.0, float(np.linalg.norm(rotation))))
+
+
+def show_axis(output: Output) -> str:
+    """The axis of the angle of an output, as in a file."""
+    return f"[{', '.join(f'{x:.6g}' for x in output.rotation_axis)}]"
 
 
 def only_of_a_pose(table: Table, key: Key, what: str, here: Context) -> None:
-    """Raise an error for a key of an output that is not a pose."""
+    """Raise an error for a key of an output without rotation."""
     full = table.unit_key(key.name)
-    if here.of_file("output").type != "tool_pose":
-        raise table.fail(full, f'no {what}, or an output of type "tool_pose"')
+    if here.of_file("output").type not in TURNING:
+        raise table.fail(full, f"no {what}, or {OF_ROTATION}")
 
 
 def rotation(doc: str) -> Key:
@@ -322,7 +354,9 @@ def _needs_tool(table: Table, here: Context) -> None:
     if here.of_file("output").type not in TOOL:
         expected = "joint or output_line, because the output is not the tool's position or pose"
         raise table.fail(
-            "type", f'{expected}, or a table [output] with type = "tool_pose" or "tool_position"'
+            "type",
+            f'{expected}, or a table [output] with type = "tool_pose", "tool_position" or '
+            '"tool_position_angle" (position and the rotation about one axis)',
         )
 
 

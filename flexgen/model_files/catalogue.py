@@ -152,11 +152,20 @@ def describe(
         ],
         "output": {
             **_fields(robot.output, "type", "size"),
-            "axes": robot.output.axes if robot.output.type == "tool_position" else None,
-            "weights": [list(row) for row in robot.output.weights] or None,
-            "unit": {"combination": robot.output.unit, "tool_pose": "m and rad"}.get(
-                robot.output.type, "m"
+            "axes": robot.output.axes
+            if robot.output.type in ("tool_position", "tool_position_angle")
+            else None,
+            **(
+                _fields(robot.output, "rotation_axis", "reference")
+                if robot.output.has_angle
+                else {}
             ),
+            "weights": [list(row) for row in robot.output.weights] or None,
+            "unit": {
+                "combination": robot.output.unit,
+                "tool_pose": "m and rad",
+                "tool_position_angle": "m and rad",
+            }.get(robot.output.type, "m"),
         },
         "moves": [
             {

@@ -30,7 +30,7 @@ from flexgen.paths.jets import (
     rotation_matrices,
     square_root,
 )
-from flexgen.paths.segments import Segment, attitude_along, rotation_along
+from flexgen.paths.segments import POSITION, Segment, attitude_along, rotation_along
 from flexgen.paths.time_laws import TimeLaw
 from flexgen.paths.trigonometry import root
 
@@ -131,13 +131,13 @@ class BlendedCurve:
         return float(self._speed(k, u).min())
 
     def _speed(self, k: int, u: np.ndarray) -> np.ndarray:
-        """|dp/du| (n,) in the corner at the end of segment k."""
-        x = self._corner(k, _identity(u)[:, :2], False)[0][:, :, 1]
+        """|dp/du| (n,) in the corner at the end of segment k; of the position, without an angle after it."""
+        x = self._corner(k, _identity(u)[:, :2], False)[0][:, :POSITION, 1]
         return root(_sum_in_order(x * x))
 
     def _speed_squared(self, k: int, u: np.ndarray) -> np.ndarray:
         """Square of |dp/du| and its derivatives, (n, 5), in the corner at the end of segment k."""
-        x = self._corner(k, _identity(u), False)[0][:, :, 1:]
+        x = self._corner(k, _identity(u), False)[0][:, :POSITION, 1:]
         return _sum_in_order(product(x, x))
 
     def _corner(

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError, SolverError
+from flexgen.model.format_tasks import OF_ROTATION, show_axis, turns_off
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Vector, Where
 from flexgen.paths.blended_curve import MIN_CORNER_SPEED, BlendedCurve
-from flexgen.paths.jets import axis_angle, quaternion, rotation_matrices, rotation_vector
+from flexgen.paths.jets import Attitude, axis_angle, quaternion, rotation_matrices, rotation_vector
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
-from flexgen.paths.segments import Arc, Line, Segment, circle_through
+from flexgen.paths.segments import POSITION, Arc, Line, Segment, WithAngle, circle_through
 from flexgen.paths.time_laws import Clock, Law, SplineLaw, TimeLaw
 from flexgen.paths.timed_segments import (
     Curve,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
 NO_ROTATION = np.zeros(3)
+# rad: tilt of a given orientation from that of a tool that only rotates about one axis: rounding of decimals in files
+SAME_TILT = 1e-6
 
 NO_MOTION = 1e-9  # m for each meter of reach: motion along an axis that is not an output
 # of their geometry
@@ -184,7 +187,7 @@ class _Planner:
             space, start, R = "output", self.reference.outputs(self.q_g), None
             segments = [Line(displacement, NO_ROTATION, largest=True)]
         else:
-            space, (start, R) = "tool", self.reference.tool_pose(self.q_g)
+            space, (start, R) = "tool", self.reference.tool_start(self.q_g)
             if move.type == "tool_polyline":
                 return "tool", *self._polyline(start, R, move.legs, move.radius)
             segments = [self._single()]
@@ -223,16 +226,12 @@ class _Planner:
         """The line or the arc of a single move of the tool."""
         move = self.move
         rotation = self._numbers("rotation", move.rotation, 3)
-        if rotation.any() and not self.reference.pose:
-            raise wrong(
-                move.where,
-                self.name,
-                "rotation",
-                rotation.tolist(),
-                'no rotation, because the output is the position of the tool, or an output of type "tool_pose"',
-            )
+        expected = self._refused_rotation(rotation)
+        if expected:
+            raise wrong(move.where, self.name, "rotation", rotation.tolist(), expected)
         if move.type == "tool_line":
-            return Line(self._numbers("displacement", move.displacement, 3), rotation, move.radius)
+            way = self._numbers("displacement", move.displacement, 3)
+            return self._with_angle(Line(way, rotation, move.radius))
         center, axis = self._numbers("center", move.center, 3), self._numbers("axis", move.axis, 3)
         if not axis.any():
             raise wrong(move.where, self.name, "axis", move.axis, "a nonzero direction")
@@ -247,10 +246,27 @@ class _Planner:
                 move.center,
                 "a center off the axis through the start",
             )
-        return arc
+        return self._with_angle(arc)
+
+    def _with_angle(self, segment: Line | Arc) -> Segment:
+        """The segment with the angle of the tool, where that is an output."""
+        output = self.model.output
+        return WithAngle(segment, np.array(output.rotation_axis)) if output.has_angle else segment
+
+    def _refused_rotation(self, rotation: np.ndarray) -> str:
+        """Expectation of the message about a rotation vector that is not one of the output; empty: it is."""
+        output = self.model.output
+        if not rotation.any() or self.reference.pose:
+            return ""
+        if not output.has_angle:
+            return f"no rotation, because the output is the position of the tool, or {OF_ROTATION}"
+        if turns_off(tuple(rotation), output.rotation_axis):
+            return f"a rotation about the axis of the output, {show_axis(output)}: a multiple of it"
+        return ""
 
     def _plan_samples(self) -> TimedSegment:
         """The segment of a path through the samples of a file; sets the joint configuration at the start."""
+        from flexgen.paths.sample_angles import with_angles
         from flexgen.paths.sample_files import read_samples
         from flexgen.paths.spline import SplineCurve
 
@@ -284,6 +300,8 @@ class _Planner:
             self.q_g = self._numbers("start", move.start, self.model.n_g)
         if samples.space == "tool" and reference.pose and samples.quaternions is None:
             fixed = reference.tool_pose(self.q_g)[1]
+        if samples.space == "tool" and self.model.output.has_angle:
+            samples = with_angles(samples, self.model, *reference.tool_start(self.q_g))
         curve = SplineCurve(samples, move.degree, move.radius, fixed)
         if samples.space == "joint":
             self.q_g = samples.values[0]
@@ -310,7 +328,7 @@ class _Planner:
         if not steps:
             raise wrong(self.move.where, self.name, "legs", "none", "one or more")
         for k, step in enumerate(steps):
-            segment = self._segment(step, k, position, orientation, radius)
+            segment = self._segment(step, k, position[:POSITION], orientation, radius)
             axis, angle = axis_angle(segment.rotation)
             position = position + segment.total
             orientation = rotation_matrices(axis, np.array([angle]))[0] @ orientation
@@ -406,9 +424,9 @@ class _Planner:
                 raise self._step_wrong(
                     step, k, "rotation", step.rotation, "either rotation or orientation"
                 )
-            rotation = rotation_vector(quaternion(to @ R.T))
-        if rotation.any() and not self.reference.pose:
-            expected = 'no rotation, or an output of type "tool_pose"'
+            rotation = self._rotation_to(step, k, to, R)
+        expected = self._refused_rotation(rotation)
+        if expected:
             raise self._step_wrong(step, k, "rotation", rotation.tolist(), expected)
         if isinstance(step, MoveC):
             via = vector("via", step.via) - (position if absolute else 0.0)
@@ -417,13 +435,28 @@ class _Planner:
                 raise self._step_wrong(
                     step, k, "via", step.via, "a point that is not on a line through start and end"
                 )
-            return Arc(*found, rotation, radius)
+            return self._with_angle(Arc(*found, rotation, radius))
         if not total.any() and not rotation.any():
             key = "position" if absolute else "displacement"
             raise self._step_wrong(
                 step, k, key, total.tolist(), "a step with a displacement or rotation"
             )
-        return Line(total, rotation, radius)
+        return self._with_angle(Line(total, rotation, radius))
+
+    def _rotation_to(self, step: MoveL, k: int, to: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Rotation vector from the orientation R to another one, about the axis of the output if it has one."""
+        rotation = rotation_vector(quaternion(to @ R.T))
+        if not self.model.output.has_angle:
+            return rotation
+        axis = np.array(self.model.output.rotation_axis)
+        off = float(np.linalg.norm(np.cross(rotation, axis)))
+        if off > SAME_TILT:
+            expected = (
+                f"an orientation with the tilt of the tool, which only rotates about "
+                f"{show_axis(self.model.output)}; it is off by {np.degrees(off):.3g} deg"
+            )
+            raise self._step_wrong(step, k, "orientation", step.orientation, expected)
+        return axis * (axis @ rotation)
 
     def _program(self, program: Program) -> list[TimedSegment]:
         """The segments of a program: one for all steps between two stops."""
@@ -437,7 +470,7 @@ class _Planner:
             raise wrong(program.where, self.name, "laws", program.laws, expected)
         segments: list[TimedSegment] = []
         q_g, time = self.q_g, 0.0
-        position, R = self.reference.tool_pose(q_g)
+        position, R = self.reference.tool_start(q_g)
         first, limited = 0, InverseKinematics(self.reference.equations).has_limits
         for k, step in enumerate(program.steps):
             self._check_step(step, k, program)
@@ -459,13 +492,25 @@ class _Planner:
                     )
             x, attitude = segment.at(np.array([segment.start + segment.law.duration]))
             if segment.space == "joint":
-                position, R = self.reference.tool_pose(x[0, :, 0])
+                position, R = self.reference.tool_start(x[0, :, 0])
                 q_g = x[0, :, 0]
             else:
-                position, R = x[0, :, 0], R if attitude is None else attitude[0][0]
+                R = self._orientation_at(x[0, :, 0], attitude, position, R)
+                position = x[0, :, 0]
             time += segment.law.duration + step.pause
             first = k + 1
         return segments
+
+    def _orientation_at(
+        self, end: np.ndarray, attitude: Attitude | None, start: np.ndarray, R: np.ndarray
+    ) -> np.ndarray:
+        """Orientation of the tool at the end of a segment from ``start``, where it was R."""
+        if attitude is not None:
+            return np.asarray(attitude[0][0])
+        if not self.model.output.has_angle:
+            return R
+        axis = np.array(self.model.output.rotation_axis)
+        return np.asarray(rotation_matrices(axis, end[POSITION:] - start[POSITION:])[0] @ R)
 
     def _check_step(self, step: Step, k: int, program: Program) -> None:
         if not isinstance(step, (MoveJ, MoveL)):
@@ -527,7 +572,9 @@ class _Planner:
                         step, k, key, given, "an end different from the start of the step"
                     )
             else:
-                segment = self._segment(step, k, here, orientation_here, program.radius)
+                segment = self._segment(
+                    step, k, here[:POSITION], orientation_here, program.radius
+                )
                 axis, angle = axis_angle(segment.rotation)
                 orientation_here = rotation_matrices(axis, np.array([angle]))[0] @ orientation_here
             segments.append(segment)

@@ -3,8 +3,8 @@
 The table is a sequence of blocks in one array. Each begins with its length, so that the sampler can skip it; "n x" are
 n numbers.
 
-    path     length, LAYOUT, n_t, n_y, n_a, segments, duration, n_a x q_start, n_y x axis of the tool (0 to 2) of an
-             output; then the segments
+    path     length, LAYOUT, n_t, n_y, n_a, segments, duration, n_a x q_start, n_y x column of a curve of the
+             tool (0 to 2: position, 3: angle) of an output; then the segments
     segment  length, start, duration, space, law, curve
     law      a polynomial, or: length, 2, time_scale, its powers 1 and 2, phases m, (m + 1) x start of a phase,
              (m + 1) x distance there, m x first speed, m x last speed; then m steps (a block of length 1: none)
@@ -16,7 +16,8 @@ n numbers.
              d x position, 4 x quaternion, knots m (0: no table), m x knot, m x arc length there;
              then the polynomial, the geometry before and the geometry after it
     geometry length, kind (0: line, 1: arc), its range, rate of rotation, 3 x rotation, 3 x axis, 9 x square of the
-             cross-product matrix; line: d x displacement; arc: 3 x radius vector, 3 x the same turned by 90 deg, rate
+             cross-product matrix; line: d x displacement; arc: 3 x radius vector, 3 x the same turned by 90 deg, rate,
+             (d - 3) x displacement of an angle, in proportion to the parameter
 
 Matrices are stored by rows. Parameters of corners are those of the curve, see `flexgen.paths.blended_curve`.
 """
@@ -32,7 +33,7 @@ from flexgen.errors import ArgumentError
 from flexgen.paths.blended_curve import BUMP, BlendedCurve, Section
 from flexgen.paths.jets import quaternion
 from flexgen.paths.reference import Reference
-from flexgen.paths.segments import Arc, Line, Segment
+from flexgen.paths.segments import Arc, Line, Segment, WithAngle
 from flexgen.paths.speed_planning import SpeedLaw
 from flexgen.paths.time_laws import Law, SplineLaw, TimeLaw
 from flexgen.paths.timed_segments import TimedSegment
@@ -60,7 +61,7 @@ def path_table(
     model = reference.model
     axes = np.zeros(model.output.size)
     if reference.tool and not reference.pose:
-        axes[:] = reference.axes
+        axes[:] = reference.columns
     head = [
         LAYOUT,
         model.output.target_size,
@@ -165,7 +166,10 @@ def _geometry(segment: Segment) -> np.ndarray:
     x, y, z = axis = segment.rotation / angle if angle > 0 else np.array([0.0, 0.0, 1.0])
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     rotation = (angle / segment.length, segment.rotation, axis, hat @ hat)
-    if isinstance(segment, Line):
-        return _block(0, segment.length, *rotation, segment.total)
-    assert isinstance(segment, Arc)
-    return _block(1, segment.length, *rotation, *segment.arms, segment.angle / segment.length)
+    path, more = (
+        (segment.path, [segment.angle]) if isinstance(segment, WithAngle) else (segment, [])
+    )
+    if isinstance(path, Line):
+        return _block(0, segment.length, *rotation, path.total, more)
+    assert isinstance(path, Arc)
+    return _block(1, segment.length, *rotation, *path.arms, path.angle / path.length, more)

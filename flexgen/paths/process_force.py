@@ -81,18 +81,18 @@ class ProcessForce:
             raise ArgumentError(
                 f"force: given for the output of model {model.name}, combinations of joints, expected one of the tool"
             )
-        rows = (
-            list(range(6))
-            if output.type == "tool_pose"
-            else ["xyz".index(axis) for axis in output.axes]
-        )
+        rows = list(range(6)) if output.type == "tool_pose" else list(output.tool_rows)
         for k in set(range(6)) - set(rows):
             if np.abs(jets[:, k]).max() > 0.0:
                 raise ArgumentError(
                     f"force: given {LABELS[k]} up to {np.abs(jets[:, k]).max():.4g} {UNITS[k]}, expected zero: the "
                     f"output of model {model.name} is the position {' '.join(output.axes)}"
+                    + (" and the angle about one axis, on which no torque acts" * output.has_angle)
                 )
-        return np.hstack([jets[:, 6 * order :][:, rows] for order in range(3)])
+        on_angle = np.zeros((len(jets), int(output.has_angle)))
+        return np.hstack(
+            [x for order in range(3) for x in (jets[:, 6 * order :][:, rows], on_angle)]
+        )
 
     @property
     def resolving(self) -> float:

@@ -13,6 +13,7 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.jets import Attitude
+from flexgen.paths.segments import POSITION
 from flexgen.results import Result
 from flexgen.spec.arguments import is_whole
 from flexgen.type_checks import checked_result, checked_types
@@ -61,10 +62,10 @@ class Reference:
         self.equations, self.model = equations, equations.model
         self._references: dict[int, ca.Function] = {}  # by the number of derivatives
         self.pose = self.model.output.type == "tool_pose"
-        self.tool = self.pose or self.model.output.type == "tool_position"
-        self.axes = (
-            [0, 1, 2] if self.pose else ["xyz".index(axis) for axis in self.model.output.axes]
-        )
+        self.tool = self.model.output.type != "combination"
+        self.axes = list(self.model.output.tool_rows)
+        # of a curve of the tool: position, then an angle
+        self.columns = [*self.axes, *[POSITION] * self.model.output.has_angle]
 
     def expand(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
         """Arm coordinates (n_a) without deflections, from the actuated ones (n_g)."""
@@ -76,6 +77,11 @@ class Reference:
         """Position (3) [m] and orientation (3, 3) of the tool of the undeflected arm."""
         p, R = evaluate(self.equations.function("forward_kinematics"), self.expand(q_g))
         return p[0], R[0]
+
+    def tool_start(self, q_g: np.ndarray | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Where a curve of the tool starts, position (3) [m] and an angle [rad] if the output has it; orientation."""
+        p, R = self.tool_pose(q_g)
+        return (np.append(p, self.outputs(q_g)[-1]) if self.model.output.has_angle else p), R
 
     def outputs(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
         """The outputs of the undeflected arm (n_y; 3 for a pose)."""
@@ -112,7 +118,7 @@ class Reference:
         if space == "output":
             return PathSample(x)
         if not self.pose or attitude is None:
-            return PathSample(x[:, self.axes])
+            return PathSample(x[:, self.columns])
         return PathSample(x, *attitude)
 
     def _joints(self, q_g: np.ndarray) -> PathSample:

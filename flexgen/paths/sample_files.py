@@ -13,6 +13,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import RobotModel
+from flexgen.model.format_tasks import OF_ROTATION
 from flexgen.npz_files import NpzError, read_npz
 from flexgen.paths.jets import axis_angle
 from flexgen.spec.tables import closest
@@ -28,10 +29,12 @@ LARGEST = 1e9
 POSITION = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 VECTOR = ("rx", "ry", "rz")
+ANGLE = ("angle",)  # of an output with the rotation about one axis
 PACKED = {
     "p": POSITION,
     "quaternion": QUATERNION,
     "rotation_vector": VECTOR,
+    "angle": ANGLE,
     "t": ("t",),
     "u": ("u",),
 }
@@ -43,7 +46,8 @@ class Samples:
 
     ``space``: ``"tool"``, ``"output"`` or ``"joint"``; ``values`` (n, d): tool positions [m], outputs or actuated
     coordinates; ``quaternions`` (n, 4) (w, x, y, z) of the tool's orientation in the world, or None; ``knots`` (n):
-    time [s] where ``timed``, else a parameter, or None.
+    time [s] where ``timed``, else a parameter, or None. ``angles`` (n,) [rad]: of the tool about the axis of an output
+    of type ``tool_position_angle``, or None.
     """
 
     space: str
@@ -51,6 +55,7 @@ class Samples:
     quaternions: np.ndarray | None
     knots: np.ndarray | None
     timed: bool
+    angles: np.ndarray | None = None
 
 
 class _File:
@@ -192,7 +197,8 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
 
     A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets. Optional: ``t`` (time
     [s], increasing) or ``u`` (an increasing parameter). Then either ``x, y, z`` [m, world axes] (``p``), optionally the
-    orientation as ``qw, qx, qy, qz`` (``quaternion``) or ``rx, ry, rz`` [rad] (``rotation_vector``), or the names of
+    orientation as ``qw, qx, qy, qz`` (``quaternion``) or ``rx, ry, rz`` [rad] (``rotation_vector``), or ``angle`` [rad]
+    where the output has the rotation about one axis; or the names of
     the actuated coordinates [rad or m] (``q_g``), or ``y1, y2, ...`` (``y``), the outputs.
 
     Parameters
@@ -216,7 +222,8 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     joints, outputs = file.joints, file.outputs
     knots, timed = _knots(file, joints)
     q = None
-    tool = model.output.type in ("tool_position", "tool_pose")
+    angles = None
+    tool = model.output.type != "combination"
     both = [name for name in joints if name in outputs and name in file.columns]
     if both and not tool:
         file.fail(
@@ -242,15 +249,17 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
             file.fail(1, "file", f"the columns {', '.join(file.columns) or 'none'}", expected)
         space, values = "tool", file.take(POSITION)
         q = _orientation(file)
-        if q is not None and model.output.type != "tool_pose":
-            file.fail(1, "file", "an orientation", 'none, or an output of type "tool_pose"')
+        if q is not None and model.output.type == "tool_position":
+            file.fail(1, "file", "an orientation", f"none, or {OF_ROTATION}")
+        angles = _angles(file, model, q is not None)
     if file.columns:
         name = next(iter(file.columns))
-        known = (*POSITION, *QUATERNION, *VECTOR, *joints, *outputs, "t", "u")
+        known = (*POSITION, *QUATERNION, *VECTOR, *ANGLE, *joints, *outputs, "t", "u")
         file.fail(1, name, "an unknown column", closest(name, known))
     if knots is None and n > 1:
         same = np.abs(np.diff(values, axis=0)).max(axis=1) == 0
         same &= True if q is None else np.abs(np.diff(q, axis=0)).max(axis=1) == 0
+        same &= True if angles is None else np.diff(angles) == 0
         if same.any():
             line = int(file.lines[int(np.flatnonzero(same)[0]) + 1])
             file.fail(
@@ -259,7 +268,18 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
                 "the same values as in the row before",
                 "different rows, or a column t or u",
             )
-    return Samples(space, values, q, knots, timed)
+    return Samples(space, values, q, knots, timed, angles)
+
+
+def _angles(file: _File, model: RobotModel, oriented: bool) -> np.ndarray | None:
+    """The angles (n,) [rad] of a file of tool positions, or None if it has none."""
+    if "angle" not in file.columns:
+        return None
+    if not model.output.has_angle:
+        file.fail(1, "angle", "an angle", 'none, or an output of type "tool_position_angle"')
+    if oriented:
+        file.fail(1, "angle", "both an angle and an orientation", "only one of the two")
+    return file.take(ANGLE)[:, 0]
 
 
 def _knots(file: _File, joints: tuple[str, ...]) -> tuple[np.ndarray | None, bool]:

@@ -17,6 +17,7 @@ from flexgen.paths.jets import (
 )
 from flexgen.paths.trigonometry import sine_cosine
 
+POSITION = 3  # coordinates of a curve of the tool that are lengths; an angle may follow
 FLAT = 1e-9  # relative: three points are on a line, a radius or an axis is zero
 
 
@@ -136,6 +137,47 @@ class Arc:
         half = sine_cosine(phi[:, :1] / 2)[0]  # 1 - cos without cancellation: the start is exact
         out[:, :, 0] = s * b - 2 * half**2 * a
         return out
+
+
+@dataclass(frozen=True)
+class WithAngle:
+    """A line or arc with the angle [rad] of the tool about one axis as a fourth coordinate.
+
+    The angle changes by ``rotation . axis``, in proportion to the parameter; ``axis``: a unit vector.
+    """
+
+    path: Line | Arc
+    axis: np.ndarray
+
+    @property
+    def length(self) -> float:
+        """Range of the parameter."""
+        return self.path.length
+
+    @property
+    def by_arc_length(self) -> bool:
+        """Whether the parameter is the arc length."""
+        return self.path.by_arc_length
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Rotation vector of the tool from start to end [rad]."""
+        return self.path.rotation
+
+    @property
+    def angle(self) -> float:
+        """Change of the angle from start to end [rad]."""
+        return float(self.rotation @ self.axis)
+
+    @property
+    def total(self) -> np.ndarray:
+        """Displacement from start to end, then the change of the angle, (4,)."""
+        return np.append(self.path.total, self.angle)
+
+    def displacement(self, x: np.ndarray) -> np.ndarray:
+        """Jet (n, 4, k) from the jet (n, k) of the parameter."""
+        turned = self.angle * (x / self.length)
+        return np.concatenate([self.path.displacement(x), turned[:, None, :]], axis=1)
 
 
 def rotation_along(segment: Segment, x: np.ndarray) -> np.ndarray:

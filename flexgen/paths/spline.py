@@ -19,6 +19,7 @@ from flexgen.paths.jets import (
     square_root,
 )
 from flexgen.paths.sample_files import Samples
+from flexgen.paths.segments import POSITION
 
 # from so many samples on, speed of the first or last interval over the largest: not from rest
 MANY, FAST = 20, 0.3
@@ -39,11 +40,15 @@ class SplineCurve:
         values, q = samples.values, samples.quaternions
         self.timed, self.radius, self.degree, self.fixed = samples.timed, radius, degree, R_fixed
         self.width = values.shape[1]
+        # columns that are lengths; those of a tool may have an angle [rad] after them
+        self.lengths = min(self.width, POSITION) if samples.space == "tool" else self.width
         both = values if q is None else np.hstack([values, q])
         knots = samples.knots
         if knots is None:
             steps = np.diff(values, axis=0)
-            distance = np.linalg.norm(steps, axis=1)
+            distance = np.linalg.norm(steps[:, : self.lengths], axis=1)
+            for turn in steps[:, self.lengths :].T:
+                distance = np.hypot(distance, radius * turn)
             if q is not None:
                 distance = np.hypot(
                     distance, 2 * radius * np.linalg.norm(np.diff(q, axis=0), axis=1)
@@ -58,7 +63,7 @@ class SplineCurve:
         self.in_motion = _in_motion(knots, values) if self.timed and len(values) >= MANY else ()
         spline = make_interp_spline(knots, both, k=degree, bc_type=ends)
         self._splines = [spline.derivative(k) if k else spline for k in range(JET)]
-        self._moves = bool(np.ptp(values, axis=0).max() > 0)
+        self._moves = bool(np.ptp(values[:, : self.lengths], axis=0).max() > 0)
         self.smoothness = degree - 1
         inner = np.unique(spline.t)
         if self.timed:
@@ -94,15 +99,19 @@ class SplineCurve:
     def _speed(self, u: np.ndarray) -> np.ndarray:
         """|dp/du| (n,)."""
         if self._moves:
-            return np.asarray(np.linalg.norm(self._splines[1](u)[:, : self.width], axis=1))
+            return np.asarray(np.linalg.norm(self._splines[1](u)[:, : self.lengths], axis=1))
         return np.sqrt(self._speed_squared(u)[:, 0])
 
     def _speed_squared(self, u: np.ndarray) -> np.ndarray:
         """Square of |dp/du| and its derivatives, (n, 5)."""
         x, q = self._at(u)
-        squared = product(x[:, :, 1:], x[:, :, 1:]).sum(axis=1)
-        if q is None or self._moves:
+        line = x[:, : self.lengths, 1:]
+        squared = product(line, line).sum(axis=1)
+        if self._moves:
             return squared
+        if q is None:
+            turning = self.radius * x[:, self.lengths :, 1:]
+            return squared if self.lengths == self.width else product(turning, turning).sum(axis=1)
         w = self.radius * angular_velocity(q)
         return product(w, w).sum(axis=1)
 

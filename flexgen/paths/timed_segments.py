@@ -13,6 +13,7 @@ from flexgen.paths.blended_curve import BlendedCurve
 from flexgen.paths.jets import JET, Attitude
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
+from flexgen.paths.segments import POSITION
 from flexgen.paths.time_laws import Law
 
 if TYPE_CHECKING:
@@ -135,12 +136,14 @@ def derivative_norms(
 ) -> np.ndarray:
     """Norms (n, 5) of the derivatives 1 to 5 of a curve.
 
-    For the tool: the Euclidean norm, or ``radius`` [m] times that of the angular velocity if that is larger; otherwise
-    the maximum norm over the coordinates.
+    For the tool: the Euclidean norm of the position, or ``radius`` [m] times that of the angular velocity if that is
+    larger, or times the derivative of an angle after the position; otherwise the maximum norm over the coordinates.
     """
     if space != "tool":
         return np.abs(x[:, :, 1:]).max(axis=1)
-    out = np.linalg.norm(x[:, :, 1:], axis=1)
+    out = np.linalg.norm(x[:, :POSITION, 1:], axis=1)
+    for angle in np.moveaxis(x[:, POSITION:, 1:], 1, 0):
+        out = np.maximum(out, radius * np.abs(angle))
     if attitude is not None:
         out = np.maximum(out, radius * np.linalg.norm(attitude[1], axis=1))
     return np.asarray(out)

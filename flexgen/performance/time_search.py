@@ -192,10 +192,10 @@ class TimeSearch:
     def _tool_motion(self, found: Inversion, sample: PathSample) -> ToolMotion:
         """Speed and acceleration of the tool's origin; where the output has it, those of the reference."""
         output = self.model.output
-        if output.type != "tool_pose" and (output.type, output.axes) != ("tool_position", "xyz"):
+        if len(output.tool_rows) != 3:
             return tool_motion(self._reduction.equations, found.q_a, found.v_a, found.a_a)
         around = ((found.n_pre, found.n_post), (0, 0))
-        return norms(*(np.pad(sample.y[:, :, k], around) for k in (1, 2)))
+        return norms(*(np.pad(sample.y[:, :3, k], around) for k in (1, 2)))
 
     @cached_property
     def _vibration(self) -> ResidualVibration:

@@ -208,7 +208,8 @@ def _draw_response(figure: Any, analysis: Analysis) -> None:
         )
     )
     w = 2 * np.pi * f[(f >= low) & (f <= high)]
-    position = slice(0, 3) if model.output.type == "tool_pose" else slice(None)
+    # of the tool its position; of joints all
+    position = slice(0, len(model.output.axes) or None)
     to_motor, to_output = (
         w[:, None, None] ** 2 * np.abs(linear.response(w, C))
         for C in (linear.C_m, linear.W[position])

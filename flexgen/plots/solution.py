@@ -349,7 +349,10 @@ def _error_parts(
         return [
             (done["error"], output.unit if output.unit != "mixed" else "rad or m", names, "error")
         ]
-    parts = [(np.linalg.norm(done["error"], axis=1)[:, None], "m", ["distance"], "distance")]
+    error = done["error"][:, : len(output.axes)]
+    parts = [(np.linalg.norm(error, axis=1)[:, None], "m", ["distance"], "distance")]
+    if output.has_angle:
+        parts.append((np.abs(done["error"][:, -1:]), "rad", ["angle"], "angle"))
     if "turn" in done.channels:
         parts.append((done["turn"], "rad", ["angle"], "angle"))
     return parts

@@ -64,12 +64,8 @@ def scene(
     reference = None
     if model.output.type != "combination" and "y_ref" in trajectory.channels:
         reference = tool.copy()
-        axes = (
-            range(3)
-            if model.output.type == "tool_pose"
-            else ["xyz".index(a) for a in model.output.axes]
-        )
-        reference[:, list(axes)] = trajectory["y_ref"][:, :3]
+        axes = list(model.output.tool_rows)
+        reference[:, axes] = trajectory["y_ref"][:, : len(axes)]
     return Scene(frames, times, tool, reference, _views(model, frames))
 
 

@@ -17,6 +17,7 @@ from flexgen.mechanics import inversion_functions as definition
 from flexgen.mechanics.inversion_functions import constraint_ports, derivative_ports, row_ports
 from flexgen.mechanics.outputs import pose_error
 from flexgen.mechanics.system import Built
+from flexgen.mechanics.tool_angle import tool_angle
 from flexgen.recursion import kinematics
 from flexgen.recursion.arm import Arm, Columns, matrix_of
 from flexgen.recursion.dh_chain import Chain, make_chain
@@ -45,20 +46,28 @@ def _output_constraint(arm: Arm) -> Built:
     flat = tape.build([*p, *(x for row in R for x in row), *bias, *(x for row in W for x in row)])
     place, turn, flat = ca.vertcat(*flat[:3]), matrix_of(flat[3:12], 3), flat[12:]
     target = ca.SX.sym("target", output.target_size)
-    error = pose_error(place, turn, target) if output.type == "tool_pose" else place[kept] - target
-    return constraint_ports(
-        equations, target, error, matrix_of(flat[n_y:], n_a), ca.vertcat(*flat[:n_y])
-    )
+    W, bias_rows = matrix_of(flat[n_y:], n_a), ca.vertcat(*flat[:n_y])
+    if output.type == "tool_pose":
+        error = pose_error(place, turn, target)
+    elif output.has_angle:
+        angle, rate = tool_angle(equations), _angle_rate(arm)
+        error = ca.vertcat(place[kept], angle.value) - target
+        W = ca.vertcat(W, angle.rate)
+        bias_rows = ca.vertcat(bias_rows, ca.jtimes(rate, q_a, v_a))
+    else:
+        error = place[kept] - target
+    return constraint_ports(equations, target, error, W, bias_rows)
+
+
+def _angle_rate(arm: Arm) -> ca.SX:
+    """Rate of the angle of the tool about one axis."""
+    return ca.mtimes(tool_angle(arm.equations).rate, arm.symbols("v_a")[0])
 
 
 def _rate_rows(arm: Arm) -> list[int]:
-    """Rows of the tool's twist that are rates of the output."""
+    """Rows of the tool's twist that are rates of the output; without the angle about one axis."""
     output = arm.model.output
-    return (
-        list(range(6))
-        if output.type == "tool_pose"
-        else ["xyz".index(axis) for axis in output.axes]
-    )
+    return list(range(6)) if output.type == "tool_pose" else list(output.tool_rows)
 
 
 def _inversion_rows(arm: Arm) -> Built:
@@ -101,7 +110,14 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
         [column[i] for columns in found for i in kept for column in arm.to_coordinates(columns)]
     )
     size = len(kept) * n
-    return [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
+    rows = [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
+    if not arm.model.output.has_angle:
+        return rows
+    q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
+    rate = _angle_rate(arm)
+    second = ca.jtimes(rate, ca.vertcat(q_a, v_a), ca.vertcat(v_a, a_a))
+    of_angle = [ca.jacobian(rate, q_a), ca.jacobian(second, q_a), ca.jacobian(second, v_a)]
+    return [ca.vertcat(*pair) for pair in zip(rows, of_angle, strict=True)]
 
 
 def _row_jacobians(arm: Arm) -> list[ca.SX]:

@@ -18,6 +18,7 @@ from flexgen.exports.fmu.plant import payload_variables
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, STATUS, Variable
 from flexgen.library.stream_defaults import with_defaults
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
@@ -150,10 +151,13 @@ def home_output(model: RobotModel, equations: Equations, q_a: np.ndarray) -> np.
     p, R = (x[0] for x in evaluate(equations.function("forward_kinematics"), q_a))
     if model.output.type == "tool_pose":
         return np.concatenate([p.ravel(), R.reshape(3, 3).T.ravel()])
-    if model.output.type == "tool_position":
-        return np.array([p.ravel()["xyz".index(axis)] for axis in model.output.axes])
-    found: np.ndarray = np.array(model.output.weights) @ q_a
-    return found
+    if model.output.type == "combination":
+        found: np.ndarray = np.array(model.output.weights) @ q_a
+        return found
+    position = p.ravel()[list(model.output.tool_rows)]
+    if not model.output.has_angle:
+        return np.array(position)
+    return np.append(position, evaluate(equations.function("output"), q_a)[0].ravel()[-1])
 
 
 def _variables(
@@ -177,15 +181,11 @@ def _variables(
 def _inputs(
     model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults
 ) -> list[Variable]:
-    n_y, n_t, unit = model.output.size, model.output.target_size, model.output.unit
+    n_y, n_t = model.output.size, model.output.target_size
     ahead = f"of the path, {options.look_ahead:g} s ahead"
     start = home_output(model, equations, held.q_a)
     pose = model.output.type == "tool_pose"
-    units = (
-        ["m"] * 3 + ["1"] * 9
-        if pose
-        else [unit if model.output.type == "combination" else "m"] * n_t
-    )
+    units = ["m"] * 3 + ["1"] * 9 if pose else list(output_units(model))
     rates = ["m"] * 3 + ["rad"] * 3 if pose else units
     out = []
     for k in range(n_t):
