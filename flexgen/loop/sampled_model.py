@@ -99,4 +99,6 @@ def output_jacobian(equations: Equations) -> ca.Function:
     if model.output.has_angle:
         rate = tool_angle(equations).rate
         W = ca.vertcat(W, ca.substitute(rate, equations.lagrangian.chain.q_a, q))
+    if model.output.weights:
+        W = ca.vertcat(W, ca.SX(ca.DM(model.output.weights)))
     return ca.Function("W", [q], [ca.densify(W)])

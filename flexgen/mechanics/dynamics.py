@@ -65,10 +65,12 @@ def output(system: System) -> Built:
     chain, declared = system.lagrangian.chain, system.model.output
     if declared.type == "combination":
         y = ca.mtimes(ca.SX(ca.DM(declared.weights)), chain.q_a)
-    else:
-        y = chain.tool.p[list(declared.tool_rows)]
+        return [chain.q_a], ["q_a"], [y], ["y"]
+    y = chain.tool.p[list(declared.tool_rows)]
     if declared.has_angle:
         y = ca.vertcat(y, tool_angle(system).value)
+    if declared.weights:
+        y = ca.vertcat(y, ca.mtimes(ca.SX(ca.DM(declared.weights)), chain.q_a))
     return [chain.q_a], ["q_a"], [y], ["y"]
 
 

@@ -13,7 +13,8 @@ def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
     if output.type == "combination":
         return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}
     if output.type != "tool_pose":
-        return {"y_ref": (*output.axes, *["angle"] * output.has_angle)}
+        sums = (f"y{output.tool_size + k + 1}" for k in range(len(output.weights)))
+        return {"y_ref": (*output.axes, *["angle"] * output.has_angle, *sums)}
     return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
 
 
@@ -21,11 +22,18 @@ def output_units(model: RobotModel) -> tuple[str, ...]:
     """Unit of each row of the output y, without the orientation of a pose: "m" or "rad"."""
     output = model.output
     if output.type != "combination":
-        return ("m",) * len(output.axes) + ("rad",) * output.has_angle
+        tool = ("m",) * len(output.axes) + ("rad",) * output.has_angle
+        return (*tool, *_units_of_sums(model))
     if output.unit != "mixed":
         return (output.unit,) * output.size
-    # rows of different units are joints: each row has the unit of its coordinate
-    return tuple(model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights)
+    return _units_of_sums(model)
+
+
+def _units_of_sums(model: RobotModel) -> tuple[str, ...]:
+    """Unit of each weighted sum: that of its largest coordinate, since sums of different units are joints."""
+    return tuple(
+        model.coordinates[int(np.argmax(np.abs(row)))].unit for row in model.output.weights
+    )
 
 
 def unit_of(model: RobotModel) -> str:

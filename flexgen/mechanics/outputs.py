@@ -34,7 +34,7 @@ def output_map(system: System) -> OutputMap:
         rate = ca.densify(ca.jacobian(y, q))
         if model.output.has_angle:
             # that of the value has the two terms of whole turns, which cancel
-            rate[-1, :] = tool_angle(system).rate
+            rate[model.output.tool_size - 1, :] = tool_angle(system).rate
         return OutputMap(y - target, target, rate)
     target = ca.SX.sym("target", 12)
     p, R = (ca.densify(x) for x in dynamics.forward_kinematics(system)[2])

@@ -233,7 +233,7 @@ class Output:
     ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"), ``"tool_position_angle"`` (these rows,
     then the angle of the tool about ``rotation_axis``, see `flexgen.mechanics.tool_angle`), ``"tool_pose"`` (position
     and rotation) or ``"combination"`` (``y = weights q_a``; a joint output is a combination with one weight of 1).
-    ``unit``: that of the rows. ``rotation_axis``: unit vector in world axes; ``reference``: the axis of the tool frame
+    Weighted sums may also follow the position and angle of the tool: `flexgen.paths.redundancy` adds them. ``unit``: that of the rows. ``rotation_axis``: unit vector in world axes; ``reference``: the axis of the tool frame
     whose direction gives the angle.
     """
 
@@ -247,9 +247,12 @@ class Output:
     @property
     def size(self) -> int:
         """Number of scalar outputs n_y."""
-        if self.type == "combination":
-            return len(self.weights)
-        return 6 if self.type == "tool_pose" else len(self.axes) + self.has_angle
+        return 6 if self.type == "tool_pose" else self.tool_size + len(self.weights)
+
+    @property
+    def tool_size(self) -> int:
+        """Number of the first outputs that are those of the tool: position, then an angle."""
+        return len(self.axes) + self.has_angle
 
     @property
     def has_angle(self) -> bool:

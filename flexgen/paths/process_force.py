@@ -89,7 +89,7 @@ class ProcessForce:
                     f"output of model {model.name} is the position {' '.join(output.axes)}"
                     + (" and the angle about one axis, on which no torque acts" * output.has_angle)
                 )
-        on_angle = np.zeros((len(jets), int(output.has_angle)))
+        on_angle = np.zeros((len(jets), output.size - len(rows)))
         return np.hstack(
             [x for order in range(3) for x in (jets[:, 6 * order :][:, rows], on_angle)]
         )

@@ -5,14 +5,16 @@ A joint move determines all joints. A move of the tool does not: the joints chan
     dq_g/ds = J^+ dx/ds,
 
 with the pseudoinverse of the Jacobian J of the tool and the parameter s of its path, and a joint can be kept where it
-is. The torques follow the motion of the joints exactly, and with it the tool where all coordinates have a motor.
+is. Where all coordinates have a motor, the joints are the outputs: the torques follow their motion exactly, and with it
+the tool. Where others have none, as the tilt of a carriage, the outputs are those of the tool and as many joints as
+motors are left: the torques follow the path of the tool exactly, with the deflections.
 
 Source: D. E. Whitney, IEEE Transactions on Man-Machine Systems 10, 1969 (resolved motion rate control).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
@@ -20,6 +22,7 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
+from scipy.linalg import qr
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
@@ -38,6 +41,7 @@ CLOSE = 1e-9  # m for each meter of reach, rad: of the tool between the samples
 STEPS = 20  # of Newton's method back to the path
 SINGULAR = 1e-6  # smallest allowed ratio of the singular values of the Jacobian
 TOLERANCE = 1e-10  # of the integration
+CHECKED = 33  # instants of each motion at which the outputs of joints and tool are checked to be independent
 
 
 def is_redundant(model: RobotModel) -> bool:
@@ -101,11 +105,11 @@ def joint_problem(
         return joints, Path(joints, move)
     path = Path(equations, move)
     spaces = {segment.space for segment in path.segments}
-    if spaces != {"joint"} and model.n_e:
+    if spaces != {"joint"} and model.n_e and model.output.type == "tool_pose":
         without = ", ".join(model.coordinates[i].name for i in model.i_e)
         raise ArgumentError(
-            f"model {model.name}: given a {move.type} with {model.output.size} outputs, {model.n_m} motors and "
-            f"coordinates without motor ({without}); expected a joint move, or as many outputs as motors"
+            f"model {model.name}: given a {move.type} of a tool_pose with {model.output.size} outputs, {model.n_m} "
+            f"motors and coordinates without motor ({without}); expected a joint move, or as many outputs as motors"
         )
     free = np.array([name != fixed_joint for name in names])
     follower, segments = _Follower(equations, free), []
@@ -115,6 +119,8 @@ def joint_problem(
             segment = replace(segment, space="joint", curve=follower.joints_along(segment, q_g))
         segments.append(segment)
         q_g = segment.at(np.array([segment.start + segment.law.duration]))[0][0, :, 0]
+    if spaces != {"joint"} and model.n_e:
+        joints = derive(_with_joints(follower, segments, path.duration))
     rule = "least change of the joints" + (f", {fixed_joint} fixed" if fixed_joint else "")
     common = {field.name: getattr(path.move, field.name) for field in fields(Move)}
     return joints, Path(joints, JointMotion(**common, segments=tuple(segments), rule=rule))
@@ -129,6 +135,36 @@ def _with_joint_outputs(model: RobotModel) -> RobotModel:
     )
 
 
+def _with_joints(
+    follower: _Follower, segments: Sequence[TimedSegment], duration: float
+) -> RobotModel:
+    """The model with joints as outputs after those of the tool, as many outputs as motors.
+
+    They are those that, in the middle of the path, move most in the motions of the joints at which the tool rests.
+    """
+    model, i_g = follower.model, list(follower.model.i_g)
+    q = np.concatenate(
+        [s.at(s.start + s.law.duration * np.linspace(0.0, 1.0, CHECKED))[0][:, :, 0] for s in segments]
+    )
+    W = np.array([follower.jacobian(x) for x in q])
+    spare = np.linalg.svd(W[len(W) // 2])[2][model.output.size :]
+    held = np.flatnonzero(~follower.free)
+    # a joint that is kept is an output; of the others those that move most while the tool rests
+    order = [k for k in qr(spare, pivoting=True)[2] if k not in held]
+    chosen = sorted([*held, *order][: len(spare)])
+    sums = np.eye(len(i_g))[chosen]
+    sizes = np.array([np.linalg.svd(np.vstack([one, sums]), compute_uv=False) for one in W])
+    if not (sizes[:, -1] > SINGULAR * sizes[:, 0]).all():
+        raise SolverError(
+            "redundant arm: the joints that the tool leaves free change too much along the path; shorten it, or keep a "
+            "joint (fixed_joint, --fixed-joint)"
+        )
+    rows = np.zeros((len(sums), model.n_a))
+    rows[:, i_g] = sums
+    output = replace(model.output, weights=tuple(tuple(map(float, row)) for row in rows))
+    return replace(model, output=output)
+
+
 class _Follower:
     """Joints of the undeflected arm along a path of its tool."""
 
@@ -137,6 +173,11 @@ class _Follower:
         map_, symbol = output_map(equations), equations.lagrangian.chain.q_a
         rate = ca.densify(map_.rate[:, list(self.model.i_g)])
         self._error = ca.Function("error", [symbol, map_.target], [ca.densify(map_.error), rate])
+
+    def jacobian(self, q_g: np.ndarray) -> np.ndarray:
+        """From rates of the joints to those of the output, (n_y, n_g), at actuated coordinates (n_g,)."""
+        target = np.zeros(self.model.output.target_size)
+        return np.array(self._error(self.reference.expand(q_g), target)[1])
 
     def joints_along(self, segment: TimedSegment, q_g: np.ndarray) -> JointCurve:
         """The joints over the parameter of the segment's curve, from ``q_g`` on."""

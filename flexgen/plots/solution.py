@@ -352,7 +352,8 @@ def _error_parts(
     error = done["error"][:, : len(output.axes)]
     parts = [(np.linalg.norm(error, axis=1)[:, None], "m", ["distance"], "distance")]
     if output.has_angle:
-        parts.append((np.abs(done["error"][:, -1:]), "rad", ["angle"], "angle"))
+        of_angle = np.abs(done["error"][:, output.tool_size - 1 : output.tool_size])
+        parts.append((of_angle, "rad", ["angle"], "angle"))
     if "turn" in done.channels:
         parts.append((done["turn"], "rad", ["angle"], "angle"))
     return parts

@@ -51,11 +51,16 @@ def _output_constraint(arm: Arm) -> Built:
         error = pose_error(place, turn, target)
     elif output.has_angle:
         angle, rate = tool_angle(equations), _angle_rate(arm)
-        error = ca.vertcat(place[kept], angle.value) - target
+        error = ca.vertcat(place[kept], angle.value) - target[: output.tool_size]
         W = ca.vertcat(W, angle.rate)
         bias_rows = ca.vertcat(bias_rows, ca.jtimes(rate, q_a, v_a))
     else:
-        error = place[kept] - target
+        error = place[kept] - target[: len(kept)]
+    if output.type != "combination" and output.weights:
+        sums = ca.SX(ca.DM(output.weights))
+        error = ca.vertcat(error, ca.mtimes(sums, q_a) - target[output.tool_size :])
+        W = ca.vertcat(W, sums)
+        bias_rows = ca.vertcat(bias_rows, ca.SX.zeros(len(output.weights)))
     return constraint_ports(equations, target, error, W, bias_rows)
 
 
@@ -111,13 +116,18 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     )
     size = len(kept) * n
     rows = [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
-    if not arm.model.output.has_angle:
-        return rows
+    output = arm.model.output
+    if output.has_angle:
+        rows = [ca.vertcat(*pair) for pair in zip(rows, _angle_jacobians(arm), strict=True)]
+    return [ca.vertcat(x, ca.SX.zeros(len(output.weights), n)) for x in rows]
+
+
+def _angle_jacobians(arm: Arm) -> list[ca.SX]:
+    """The derivatives of `_output_jacobians` of the angle of the tool about one axis, (1, n_a) each."""
     q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
     rate = _angle_rate(arm)
     second = ca.jtimes(rate, ca.vertcat(q_a, v_a), ca.vertcat(v_a, a_a))
-    of_angle = [ca.jacobian(rate, q_a), ca.jacobian(second, q_a), ca.jacobian(second, v_a)]
-    return [ca.vertcat(*pair) for pair in zip(rows, of_angle, strict=True)]
+    return [ca.jacobian(rate, q_a), ca.jacobian(second, q_a), ca.jacobian(second, v_a)]
 
 
 def _row_jacobians(arm: Arm) -> list[ca.SX]:

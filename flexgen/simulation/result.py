@@ -254,7 +254,7 @@ def output_error(
     output = equations.model.output
     y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
     error = y - data["y_ref"]
-    if output.type == "combination" or output.has_angle:
+    if output.type == "combination" or output.has_angle or output.weights:
         units = output_units(equations.model)
         columns = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
         worst = [float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns]
