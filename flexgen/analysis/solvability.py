@@ -228,7 +228,9 @@ def _scale_rows_and_columns(arm: ArmLinearization) -> np.ndarray:
     columns = np.linalg.solve(half, np.broadcast_to(np.eye(arm.model.n_a), arm.M.shape))[
         :, :, list(arm.model.i_g)
     ]
-    rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    # an output that nothing moves has a row of zeros
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    rows = rows / np.where(sizes > 0.0, sizes, 1.0)
     columns = columns / np.linalg.norm(columns, axis=1, keepdims=True)
     return rows.transpose(0, 2, 1) @ columns
 

@@ -58,6 +58,7 @@ def inversion_library(
         There is no compiler, or it fails.
     """
     from flexgen.codegen.c_functions import inversion_reason
+    from flexgen.inversion.reduced_problem import advise_full
     from flexgen.library.model_library import library_with
     from flexgen.memory.hysteresis import without_hysteresis
     from flexgen.memory.lugre import without_lugre
@@ -66,8 +67,10 @@ def inversion_library(
     offered = offered_functions(model)
     functions = tuple(name for name in INVERTING if name in offered)
     if (reason := inversion_reason(model, functions)) is not None:
-        advice = "remove one of them" if model.inversion_obstacle() is None else "use --method full"
-        raise ArgumentError(f"method {method}: {reason}; {advice}")
+        advice = advise_full(model)
+        if model.inversion_obstacle() is None:
+            advice = "; remove one of them"
+        raise ArgumentError(f"method {method}: {reason}{advice}")
     check_time(f"method {method}")
     return library_with(
         model, functions, solvers or (SOLVERS[method],), native=native, progress=progress

@@ -25,6 +25,13 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import OutputMap, output_map
 from flexgen.mechanics.statics import Equilibrium, balance, hold_output
+from flexgen.model.elements import RobotModel
+from flexgen.model.friction import (
+    bristled_motors,
+    has_harmonics,
+    hysteretic_joints,
+    loaded_motors,
+)
 from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path, PathSample
 
@@ -45,6 +52,18 @@ class Motion:
     tau_g: np.ndarray
 
 
+def advise_full(model: RobotModel) -> str:
+    """End of a message about a model without a reduced problem: method full, if that solves it."""
+    refused = (
+        model.inversion_obstacle(any_coupling=True)
+        or hysteretic_joints(model)
+        or bristled_motors(model)
+        or loaded_motors(model)
+        or has_harmonics(model)
+    )
+    return "" if refused else "; use --method full"
+
+
 class Reduction:
     """The reduced problem of a model whose outputs are as many as its motors."""
 
@@ -54,7 +73,7 @@ class Reduction:
         self._force = [] if force is None else np.split(force, 3, axis=1)
         reason = model.inversion_obstacle()
         if reason is not None:
-            raise ArgumentError(f"reduced problem: {reason}; use --method full")
+            raise ArgumentError(f"reduced problem: {reason}{advise_full(model)}")
         self.equations, self.model = equations, model
         self.n_y = model.output.size
         self.i_g, self.i_e = list(model.i_g), list(model.i_e)

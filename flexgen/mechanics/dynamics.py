@@ -15,7 +15,6 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.motor_harmonics import given_torques, motors_of_gears
-from flexgen.mechanics.tool_angle import tool_angle
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
 from flexgen.model.friction import loaded_motors
 
@@ -68,6 +67,8 @@ def output(system: System) -> Built:
         return [chain.q_a], ["q_a"], [y], ["y"]
     y = chain.tool.p[list(declared.tool_rows)]
     if declared.has_angle:
+        from flexgen.mechanics.tool_angle import tool_angle
+
         y = ca.vertcat(y, tool_angle(system).value)
     if declared.weights:
         y = ca.vertcat(y, ca.mtimes(ca.SX(ca.DM(declared.weights)), chain.q_a))

@@ -30,7 +30,7 @@ def output_units(model: RobotModel) -> tuple[str, ...]:
 
 
 def _units_of_sums(model: RobotModel) -> tuple[str, ...]:
-    """Unit of each weighted sum: that of its largest coordinate, since sums of different units are joints."""
+    """Unit of each weighted sum: that of its largest coordinate; of different units are joints."""
     return tuple(
         model.coordinates[int(np.argmax(np.abs(row)))].unit for row in model.output.weights
     )

@@ -8,7 +8,6 @@ import casadi as ca
 
 from flexgen.mechanics import dynamics
 from flexgen.mechanics.system import System
-from flexgen.mechanics.tool_angle import tool_angle
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,8 @@ def output_map(system: System) -> OutputMap:
         y = ca.densify(dynamics.output(system)[2][0])
         rate = ca.densify(ca.jacobian(y, q))
         if model.output.has_angle:
+            from flexgen.mechanics.tool_angle import tool_angle
+
             # that of the value has the two terms of whole turns, which cancel
             rate[model.output.tool_size - 1, :] = tool_angle(system).rate
         return OutputMap(y - target, target, rate)

@@ -3,18 +3,21 @@
     u = R e_ref,   c = x_n . u,   s = y_n . u,   phi = angle of the vector (c, s)
     phi' = (c s' - s c') / (c^2 + s^2)
 
-R is the orientation of the tool in the world, e_ref the axis of the tool frame that ``reference`` names, n the unit
-vector ``rotation_axis``. The angle counts counterclockwise about n, from x_n: the world's x axis projected along n (its
-y axis where n is nearly parallel to x), and y_n = n x x_n. A tilt of the tool about an axis across n, as by an elastic
-bearing, leaves the angle that of the projected direction.
+R is the orientation of the tool in the world, e_ref the axis of the tool frame that ``reference``
+names, n the unit vector ``rotation_axis``. The angle counts counterclockwise about n, from x_n: the
+world's x axis projected along n (its y axis where n is nearly parallel to x), and y_n = n x x_n. A
+tilt of the tool about an axis across n, as by an elastic bearing, leaves the angle that of the
+projected direction.
 
 As a function of the coordinates the angle is continuous and counts whole turns:
 
-    phi(q) = l(q) + angle of (c cos l + s sin l, s cos l - c sin l),   l(q) = phi(q_h) + dphi/dq(q_h) (q - q_h)
+    phi(q) = l(q) + angle of (c cos l + s sin l, s cos l - c sin l)
+    l(q) = phi(q_h) + dphi/dq(q_h) (q - q_h)
 
-with the home pose q_h of the undeflected arm, where phi is within half a turn of zero. The second term stays within half
-a turn. Where the axes of all rotations that turn the tool are parallel to n, or a mechanism keeps the tool level, it is
-zero: then ``phi = l(q)``, a sum of coordinates, and the functions use this sum.
+with the home pose q_h of the undeflected arm, where phi is within half a turn of zero. The second
+term stays within half a turn. Where the axes of all rotations that turn the tool are parallel to n,
+or a mechanism keeps the tool level, it is zero: then ``phi = l(q)``, a sum of coordinates, and the
+functions use this sum.
 """
 
 from __future__ import annotations
@@ -28,15 +31,15 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.system import System
 from flexgen.model.elements import Output
 
-# The squared length of the projected reference at home below which it gives no angle: 1 deg from the axis, where a
-# tilt of 0.1 mrad already turns the angle by 6 mrad.
+# The squared length of the projected reference at home below which it gives no angle: 1 deg from
+# the axis, where a tilt of 0.1 mrad already turns the angle by 6 mrad.
 SHORTEST = 3e-4
-# Entries of the gradient that differ less from pose to pose, in rad/rad (rad/m), are equal: rounding of a product of
-# some ten rotation matrices is 1e-15.
+# Entries of the gradient that differ less from pose to pose, in rad/rad (rad/m), are equal:
+# rounding of a product of some ten rotation matrices is 1e-15.
 CONSTANT = 1e-12
-# Poses at which the gradient is compared: it is an analytic function, so that two would do almost surely.
+# Poses at which the gradient is compared: it is an analytic function, two would do almost surely.
 POSES = 6
-# Largest deviation of these poses from home in rad or m: enough for every cosine to leave 1 clearly.
+# Largest deviation of these poses from home in rad or m: every cosine clearly leaves 1.
 SPREAD = 0.9
 # The world axis x gives the direction of zero unless its sine to the rotation axis is below this.
 ALONG_X = 0.1
@@ -46,8 +49,9 @@ ALONG_X = 0.1
 class ToolAngle:
     """The angle as graphs in ``chain.q_a``.
 
-    ``value``: phi; ``rate`` (1, n_a): its gradient. ``weights`` (n_a,) and ``offset``: the sum of coordinates
-    ``offset + weights . q_a`` that the angle is where ``is_sum``, and from which whole turns are counted else.
+    ``value``: phi; ``rate`` (1, n_a): its gradient. ``weights`` (n_a,) and ``offset``: the sum
+    ``offset + weights . q_a`` of coordinates that the angle is where ``is_sum``, and from which
+    whole turns are counted else.
     """
 
     value: ca.SX
@@ -58,7 +62,7 @@ class ToolAngle:
 
 
 def plane_axes(output: Output) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors x_n, y_n (3,) across the rotation axis: the angle counts from the first to the second."""
+    """Unit vectors x_n, y_n (3,) across the axis: the angle counts from the first to the second."""
     n = np.array(output.rotation_axis)
     x = np.array([1.0, 0.0, 0.0])
     if np.linalg.norm(np.cross(n, x)) < ALONG_X:
@@ -68,15 +72,8 @@ def plane_axes(output: Output) -> tuple[np.ndarray, np.ndarray]:
     return x, np.cross(n, x)
 
 
-def angle_of_rotation(output: Output, R: np.ndarray) -> np.ndarray:
-    """Angle (n,) [rad], within half a turn of zero, of orientations R (n, 3, 3) of the tool."""
-    x, y = plane_axes(output)
-    u = R[:, :, "xyz".index(output.reference)]
-    return np.arctan2(u @ y, u @ x)
-
-
 def tool_angle(system: System) -> ToolAngle:
-    """The `ToolAngle` of a model whose output has one; ArgumentError where its reference is along the axis at home."""
+    """The `ToolAngle` of a model; ArgumentError where its reference is along the axis at home."""
     chain, output = system.lagrangian.chain, system.model.output
     x, y = plane_axes(output)
     u = chain.tool.R[:, "xyz".index(output.reference)]
@@ -89,8 +86,8 @@ def tool_angle(system: System) -> ToolAngle:
     start, weights, length = (np.array(part).ravel() for part in at(home))
     if not float(length[0]) > SHORTEST:
         raise ArgumentError(
-            f"model {system.model.name}: given output.reference {output.reference!r}, which is along "
-            "output.rotation_axis at home, expected an axis of the tool frame that is across it"
+            f"model {system.model.name}: given output.reference {output.reference!r}, which is "
+            "along output.rotation_axis at home, expected an axis of the tool frame across it"
         )
     weights = np.where(np.abs(weights - np.round(weights)) < CONSTANT, np.round(weights), weights)
     is_sum = _is_constant(at, home, weights)
@@ -104,7 +101,7 @@ def tool_angle(system: System) -> ToolAngle:
 
 
 def _is_constant(at: ca.Function, home: np.ndarray, weights: np.ndarray) -> bool:
-    """Whether the gradient of the angle is the same at poses drawn around home, with deflections."""
+    """Whether the gradient is the same at poses drawn around home, with deflections."""
     rng = np.random.default_rng(0)
     for _ in range(POSES):
         gradient = np.array(at(home + rng.uniform(-SPREAD, SPREAD, len(home)))[1]).ravel()

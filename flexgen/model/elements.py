@@ -226,15 +226,25 @@ class Motor:
     lugre: LuGre | None = None
 
 
+# The outputs with a rotation, in messages.
+OF_ROTATION = (
+    'an output of type "tool_pose", or "tool_position_angle" for a rotation about one axis'
+)
+# Sine of the angle between two directions that are one: vectors of a file have nine decimals.
+PARALLEL = 1e-9
+
+
 @dataclass(frozen=True)
 class Output:
     """The output that a reference path prescribes.
 
-    ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"), ``"tool_position_angle"`` (these rows,
-    then the angle of the tool about ``rotation_axis``, see `flexgen.mechanics.tool_angle`), ``"tool_pose"`` (position
-    and rotation) or ``"combination"`` (``y = weights q_a``; a joint output is a combination with one weight of 1).
-    Weighted sums may also follow the position and angle of the tool: `flexgen.paths.redundancy` adds them. ``unit``: that of the rows. ``rotation_axis``: unit vector in world axes; ``reference``: the axis of the tool frame
-    whose direction gives the angle.
+    ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"),
+    ``"tool_position_angle"`` (these rows, then the angle of the tool about ``rotation_axis``, see
+    `flexgen.mechanics.tool_angle`), ``"tool_pose"`` (position and rotation) or ``"combination"``
+    (``y = weights q_a``; a joint output is a combination with one weight of 1). Weighted sums may
+    also follow the position and angle of the tool: `flexgen.paths.redundancy` adds them.
+    ``unit``: that of the rows. ``rotation_axis``: unit vector in world axes; ``reference``: the
+    axis of the tool frame whose direction gives the angle.
     """
 
     type: str
@@ -259,9 +269,19 @@ class Output:
         """Whether the last output is the angle of the tool about one axis."""
         return self.type == "tool_position_angle"
 
+    def is_tilted_by(self, rotation: Vector) -> bool:
+        """Whether a rotation vector (3) has a part across the rotation axis."""
+        across = np.cross(rotation, self.rotation_axis)
+        return bool(np.linalg.norm(across) > PARALLEL * max(1.0, float(np.linalg.norm(rotation))))
+
+    @property
+    def axis_text(self) -> str:
+        """The rotation axis as in a file."""
+        return f"[{', '.join(f'{x:.6g}' for x in self.rotation_axis)}]"
+
     @property
     def tool_rows(self) -> tuple[int, ...]:
-        """Axes (0 to 2) of the tool's position that are the first outputs; none of a combination."""
+        """Axes (0 to 2) of the tool's position that are the first outputs; combination: none."""
         return tuple("xyz".index(axis) for axis in self.axes)
 
     @property
@@ -455,7 +475,13 @@ class RobotModel:
         """
         if self.output.size != self.n_m:
             counts = f"outputs {self.output.size}, motors {self.n_m}"
-            return f"model {self.name}: given {counts}, expected as many outputs as motors"
+            fitting = ""
+            if self.output.type == "tool_pose" and self.n_m < self.output.size:
+                fitting = (
+                    ', such as an output of type "tool_position_angle", the position of the tool '
+                    'and its rotation about one axis, or "joint"'
+                )
+            return f"model {self.name}: given {counts}, expected as many outputs as motors{fitting}"
         if self.motor_coupling != "simplified" and not any_coupling:
             return f"model {self.name}: given motor_coupling {self.motor_coupling!r}, expected 'simplified'"
         return None

@@ -11,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.model.elements import ZERO, Coordinate, Matrix, Output, Vector, coordinates_of
+from flexgen.model.elements import (
+    OF_ROTATION,
+    ZERO,
+    Coordinate,
+    Matrix,
+    Output,
+    Vector,
+    coordinates_of,
+)
 from flexgen.model.format_robot import RPY
 from flexgen.model.moves import DEGREES, RADIUS, Move, MoveC, MoveL, PoseTarget
 from flexgen.spec.keys import (
@@ -41,8 +49,6 @@ PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 MOST_TURNS = 100
 TOOL = ("tool_position", "tool_position_angle", "tool_pose")
 TURNING = ("tool_position_angle", "tool_pose")  # with a rotation
-OF_ROTATION = 'an output of type "tool_pose", or "tool_position_angle" for a rotation about one axis'
-PARALLEL = 1e-9  # sine of the angle between two directions that are one, in a file of decimals
 
 
 # --- output -----------------------------------------------------------------------------------------------------------
@@ -88,7 +94,9 @@ _ROWS = Type(_read_rows, {"type": "array", "items": _WEIGHTS, "minItems": 1})
 _AXES = 'axes of the position: one or more letters of "xyz", in this order'
 _AXES_KEY = Key("axes", text(pattern="^(?=.)x?y?z?$"), _AXES, default="xyz", check=_check_axes)
 _AXIS = "axis of the angle, world axes; the angle counts counterclockwise about it"
-_REFERENCE = "axis of the tool frame whose direction, projected along rotation_axis, gives the angle"
+_REFERENCE = (
+    "axis of the tool frame whose direction, projected along rotation_axis, gives the angle"
+)
 OUTPUT = Kinds(
     "the quantities that a reference path prescribes; as many as motors",
     {
@@ -205,23 +213,12 @@ def _read_rotation(table: Table, key: Key, here: Context) -> Vector:
     """The rotation vector of a move of the tool [rad]."""
     only_of_a_pose(table, key, "rotation", here)
     rotation, output = table.angles(key.name, (True,) * 3), here.of_file("output")
-    if output.has_angle and turns_off(rotation, output.rotation_axis):
+    if output.has_angle and output.is_tilted_by(rotation):
         raise table.fail(
             table.unit_key(key.name),
-            f"a rotation about the axis of the output, {show_axis(output)}: a multiple of it",
+            f"a rotation about the axis of the output, {output.axis_text}: a multiple of it",
         )
     return rotation
-
-
-def turns_off(rotation: Vector, axis: Vector) -> bool:
-    """Whether a rotation vector has a part across a unit axis."""
-    across = np.cross(rotation, axis)
-    return bool(np.linalg.norm(across) > PARALLEL * max(1.0, float(np.linalg.norm(rotation))))
-
-
-def show_axis(output: Output) -> str:
-    """The axis of the angle of an output, as in a file."""
-    return f"[{', '.join(f'{x:.6g}' for x in output.rotation_axis)}]"
 
 
 def only_of_a_pose(table: Table, key: Key, what: str, here: Context) -> None:
@@ -355,8 +352,8 @@ def _needs_tool(table: Table, here: Context) -> None:
         expected = "joint or output_line, because the output is not the tool's position or pose"
         raise table.fail(
             "type",
-            f'{expected}, or a table [output] with type = "tool_pose", "tool_position" or '
-            '"tool_position_angle" (position and the rotation about one axis)',
+            f'{expected}, or a table [output] with type = "tool_pose" or "tool_position", or '
+            '"tool_position_angle" with the rotation about one axis',
         )
 
 

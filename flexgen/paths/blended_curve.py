@@ -131,7 +131,7 @@ class BlendedCurve:
         return float(self._speed(k, u).min())
 
     def _speed(self, k: int, u: np.ndarray) -> np.ndarray:
-        """|dp/du| (n,) in the corner at the end of segment k; of the position, without an angle after it."""
+        """|dp/du| (n,) of the position in the corner at the end of segment k."""
         x = self._corner(k, _identity(u)[:, :2], False)[0][:, :POSITION, 1]
         return root(_sum_in_order(x * x))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError, SolverError
-from flexgen.model.format_tasks import OF_ROTATION, show_axis, turns_off
+from flexgen.model.elements import OF_ROTATION
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Vector, Where
 from flexgen.paths.blended_curve import MIN_CORNER_SPEED, BlendedCurve
 from flexgen.paths.jets import Attitude, axis_angle, quaternion, rotation_matrices, rotation_vector
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
 NO_ROTATION = np.zeros(3)
-# rad: tilt of a given orientation from that of a tool that only rotates about one axis: rounding of decimals in files
+# rad: tilt of a given orientation from that of a tool that rotates about one axis only: rounding of
+# decimals in files
 SAME_TILT = 1e-6
 
 NO_MOTION = 1e-9  # m for each meter of reach: motion along an axis that is not an output
@@ -254,14 +255,14 @@ class _Planner:
         return WithAngle(segment, np.array(output.rotation_axis)) if output.has_angle else segment
 
     def _refused_rotation(self, rotation: np.ndarray) -> str:
-        """Expectation of the message about a rotation vector that is not one of the output; empty: it is."""
+        """End of the message about a rotation vector that is not one of the output, or empty."""
         output = self.model.output
         if not rotation.any() or self.reference.pose:
             return ""
         if not output.has_angle:
             return f"no rotation, because the output is the position of the tool, or {OF_ROTATION}"
-        if turns_off(tuple(rotation), output.rotation_axis):
-            return f"a rotation about the axis of the output, {show_axis(output)}: a multiple of it"
+        if output.is_tilted_by(tuple(rotation)):
+            return f"a rotation about the axis of the output, {output.axis_text}: a multiple of it"
         return ""
 
     def _plan_samples(self) -> TimedSegment:
@@ -444,7 +445,7 @@ class _Planner:
         return self._with_angle(Line(total, rotation, radius))
 
     def _rotation_to(self, step: MoveL, k: int, to: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """Rotation vector from the orientation R to another one, about the axis of the output if it has one."""
+        """Rotation vector from R to another orientation, about the axis of the output if any."""
         rotation = rotation_vector(quaternion(to @ R.T))
         if not self.model.output.has_angle:
             return rotation
@@ -453,7 +454,7 @@ class _Planner:
         if off > SAME_TILT:
             expected = (
                 f"an orientation with the tilt of the tool, which only rotates about "
-                f"{show_axis(self.model.output)}; it is off by {np.degrees(off):.3g} deg"
+                f"{self.model.output.axis_text}; it is off by {np.degrees(off):.3g} deg"
             )
             raise self._step_wrong(step, k, "orientation", step.orientation, expected)
         return axis * (axis @ rotation)
@@ -572,9 +573,7 @@ class _Planner:
                         step, k, key, given, "an end different from the start of the step"
                     )
             else:
-                segment = self._segment(
-                    step, k, here[:POSITION], orientation_here, program.radius
-                )
+                segment = self._segment(step, k, here[:POSITION], orientation_here, program.radius)
                 axis, angle = axis_angle(segment.rotation)
                 orientation_here = rotation_matrices(axis, np.array([angle]))[0] @ orientation_here
             segments.append(segment)

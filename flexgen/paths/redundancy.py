@@ -5,9 +5,10 @@ A joint move determines all joints. A move of the tool does not: the joints chan
     dq_g/ds = J^+ dx/ds,
 
 with the pseudoinverse of the Jacobian J of the tool and the parameter s of its path, and a joint can be kept where it
-is. Where all coordinates have a motor, the joints are the outputs: the torques follow their motion exactly, and with it
-the tool. Where others have none, as the tilt of a carriage, the outputs are those of the tool and as many joints as
-motors are left: the torques follow the path of the tool exactly, with the deflections.
+is. Where all coordinates have a motor, the joints are the outputs: the torques follow their motion
+exactly, and with it the tool. Where others have none, as the tilt of a carriage, the outputs are
+those of the tool and as many joints as motors are left: the torques follow the path of the tool
+exactly, with the deflections.
 
 Source: D. E. Whitney, IEEE Transactions on Man-Machine Systems 10, 1969 (resolved motion rate control).
 """
@@ -41,7 +42,8 @@ CLOSE = 1e-9  # m for each meter of reach, rad: of the tool between the samples
 STEPS = 20  # of Newton's method back to the path
 SINGULAR = 1e-6  # smallest allowed ratio of the singular values of the Jacobian
 TOLERANCE = 1e-10  # of the integration
-CHECKED = 33  # instants of each motion at which the outputs of joints and tool are checked to be independent
+# instants of each motion at which the outputs of tool and joints are checked to be independent
+CHECKED = 33
 
 
 def is_redundant(model: RobotModel) -> bool:
@@ -108,8 +110,9 @@ def joint_problem(
     if spaces != {"joint"} and model.n_e and model.output.type == "tool_pose":
         without = ", ".join(model.coordinates[i].name for i in model.i_e)
         raise ArgumentError(
-            f"model {model.name}: given a {move.type} of a tool_pose with {model.output.size} outputs, {model.n_m} "
-            f"motors and coordinates without motor ({without}); expected a joint move, or as many outputs as motors"
+            f"model {model.name}: given a {move.type} of a tool_pose with {model.output.size} "
+            f"outputs, {model.n_m} motors and coordinates without motor ({without}); expected a "
+            "joint move, or as many outputs as motors"
         )
     free = np.array([name != fixed_joint for name in names])
     follower, segments = _Follower(equations, free), []
@@ -120,7 +123,7 @@ def joint_problem(
         segments.append(segment)
         q_g = segment.at(np.array([segment.start + segment.law.duration]))[0][0, :, 0]
     if spaces != {"joint"} and model.n_e:
-        joints = derive(_with_joints(follower, segments, path.duration))
+        joints = derive(_with_joints(follower, segments))
     rule = "least change of the joints" + (f", {fixed_joint} fixed" if fixed_joint else "")
     common = {field.name: getattr(path.move, field.name) for field in fields(Move)}
     return joints, Path(joints, JointMotion(**common, segments=tuple(segments), rule=rule))
@@ -135,16 +138,18 @@ def _with_joint_outputs(model: RobotModel) -> RobotModel:
     )
 
 
-def _with_joints(
-    follower: _Follower, segments: Sequence[TimedSegment], duration: float
-) -> RobotModel:
+def _with_joints(follower: _Follower, segments: Sequence[TimedSegment]) -> RobotModel:
     """The model with joints as outputs after those of the tool, as many outputs as motors.
 
-    They are those that, in the middle of the path, move most in the motions of the joints at which the tool rests.
+    They are those that, in the middle of the path, move most in the motions of the joints at which
+    the tool rests.
     """
     model, i_g = follower.model, list(follower.model.i_g)
     q = np.concatenate(
-        [s.at(s.start + s.law.duration * np.linspace(0.0, 1.0, CHECKED))[0][:, :, 0] for s in segments]
+        [
+            s.at(s.start + s.law.duration * np.linspace(0.0, 1.0, CHECKED))[0][:, :, 0]
+            for s in segments
+        ]
     )
     W = np.array([follower.jacobian(x) for x in q])
     spare = np.linalg.svd(W[len(W) // 2])[2][model.output.size :]
@@ -156,8 +161,8 @@ def _with_joints(
     sizes = np.array([np.linalg.svd(np.vstack([one, sums]), compute_uv=False) for one in W])
     if not (sizes[:, -1] > SINGULAR * sizes[:, 0]).all():
         raise SolverError(
-            "redundant arm: the joints that the tool leaves free change too much along the path; shorten it, or keep a "
-            "joint (fixed_joint, --fixed-joint)"
+            "redundant arm: the joints that the tool leaves free change too much along the path; "
+            "shorten it, or keep a joint (fixed_joint, --fixed-joint)"
         )
     rows = np.zeros((len(sums), model.n_a))
     rows[:, i_g] = sums
@@ -175,7 +180,7 @@ class _Follower:
         self._error = ca.Function("error", [symbol, map_.target], [ca.densify(map_.error), rate])
 
     def jacobian(self, q_g: np.ndarray) -> np.ndarray:
-        """From rates of the joints to those of the output, (n_y, n_g), at actuated coordinates (n_g,)."""
+        """From rates of the joints to those of the output, (n_y, n_g), at coordinates (n_g,)."""
         target = np.zeros(self.model.output.target_size)
         return np.array(self._error(self.reference.expand(q_g), target)[1])
 

@@ -79,7 +79,7 @@ class Reference:
         return p[0], R[0]
 
     def tool_start(self, q_g: np.ndarray | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Where a curve of the tool starts, position (3) [m] and an angle [rad] if the output has it; orientation."""
+        """Start of a curve of the tool: position (3) [m], then an angle if any; orientation."""
         p, R = self.tool_pose(q_g)
         return (np.append(p, self.outputs(q_g)[-1]) if self.model.output.has_angle else p), R
 

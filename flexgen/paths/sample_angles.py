@@ -1,8 +1,9 @@
 """Samples of a tool path with the angle of the tool about one axis as a fourth column.
 
-The angle of a sample is that of its column ``angle``, or follows from its orientation, which must be that of the tool at
-the start of the move rotated about the axis of the output; without either it is that at the start. Whole turns are
-counted: from row to row less than half a turn, and the first row is within half a turn of the start.
+The angle of a sample is that of its column ``angle``, or follows from its orientation, which must
+be that of the tool at the start of the move rotated about the axis of the output; without either it
+is that at the start. Whole turns are counted: from row to row less than half a turn, and the first
+row is within half a turn of the start.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from flexgen.paths.jets import quaternion, quaternion_product
 from flexgen.paths.sample_files import Samples
 from flexgen.paths.segments import POSITION
 
-# rad: tilt of a sampled orientation from that of the tool that is rounding of the file, as for quaternions
+# rad: tilt of a sampled orientation from that of the tool that is rounding of the file, as of the
+# length of a quaternion
 SAME_TILT = 1e-3
 
 
@@ -63,7 +65,8 @@ def _rotations(q: np.ndarray, model: RobotModel, R: np.ndarray) -> np.ndarray:
     if off[worst] > SAME_TILT:
         raise ArgumentError(
             f"samples: given an orientation in sample {worst + 1} that is tilted by "
-            f"{np.degrees(off[worst]):.3g} deg from that of the tool at the start of the move, expected rotations "
-            f"about the axis of the output {list(model.output.rotation_axis)} only, or a column angle [rad]"
+            f"{np.degrees(off[worst]):.3g} deg from that of the tool at the start of the move, "
+            f"expected rotations about the axis of the output {model.output.axis_text} only, or a "
+            "column angle [rad]"
         )
     return 2 * np.arctan2(along, turned[:, 0])

@@ -12,8 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.model.elements import RobotModel
-from flexgen.model.format_tasks import OF_ROTATION
+from flexgen.model.elements import OF_ROTATION, RobotModel
 from flexgen.npz_files import NpzError, read_npz
 from flexgen.paths.jets import axis_angle
 from flexgen.spec.tables import closest
@@ -46,8 +45,8 @@ class Samples:
 
     ``space``: ``"tool"``, ``"output"`` or ``"joint"``; ``values`` (n, d): tool positions [m], outputs or actuated
     coordinates; ``quaternions`` (n, 4) (w, x, y, z) of the tool's orientation in the world, or None; ``knots`` (n):
-    time [s] where ``timed``, else a parameter, or None. ``angles`` (n,) [rad]: of the tool about the axis of an output
-    of type ``tool_position_angle``, or None.
+    time [s] where ``timed``, else a parameter, or None. ``angles`` (n,) [rad]: of the tool about
+    the axis of an output of type ``tool_position_angle``, or None.
     """
 
     space: str
@@ -197,8 +196,8 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
 
     A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets. Optional: ``t`` (time
     [s], increasing) or ``u`` (an increasing parameter). Then either ``x, y, z`` [m, world axes] (``p``), optionally the
-    orientation as ``qw, qx, qy, qz`` (``quaternion``) or ``rx, ry, rz`` [rad] (``rotation_vector``), or ``angle`` [rad]
-    where the output has the rotation about one axis; or the names of
+    orientation as ``qw, qx, qy, qz`` (``quaternion``) or ``rx, ry, rz`` [rad]
+    (``rotation_vector``), or ``angle`` [rad] of an output with it; or the names of
     the actuated coordinates [rad or m] (``q_g``), or ``y1, y2, ...`` (``y``), the outputs.
 
     Parameters

@@ -143,7 +143,8 @@ class Arc:
 class WithAngle:
     """A line or arc with the angle [rad] of the tool about one axis as a fourth coordinate.
 
-    The angle changes by ``rotation . axis``, in proportion to the parameter; ``axis``: a unit vector.
+    The angle changes by ``rotation . axis``, in proportion to the parameter; ``axis``: a unit
+    vector.
     """
 
     path: Line | Arc

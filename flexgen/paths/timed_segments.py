@@ -136,8 +136,9 @@ def derivative_norms(
 ) -> np.ndarray:
     """Norms (n, 5) of the derivatives 1 to 5 of a curve.
 
-    For the tool: the Euclidean norm of the position, or ``radius`` [m] times that of the angular velocity if that is
-    larger, or times the derivative of an angle after the position; otherwise the maximum norm over the coordinates.
+    For the tool: the Euclidean norm of the position, or ``radius`` [m] times that of the angular
+    velocity if that is larger, or times the derivative of an angle after the position; otherwise
+    the maximum norm over the coordinates.
     """
     if space != "tool":
         return np.abs(x[:, :, 1:]).max(axis=1)

@@ -14,10 +14,27 @@ from flexgen.paths.path import Path, joints_along
 from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, make_finding
 from flexgen.plausibility.numbers import MOVE_SPEED, MOVE_SPEED_TRANSLATION
 
+# Advice for an output that no torques can make follow a path.
+FEWER = (
+    'type = "joint"; of the tool "tool_position", or "tool_position_angle" with its rotation '
+    "about one axis"
+)
+
 
 def moves(equations: Equations) -> Iterator[Finding]:
     """The findings of all moves and programs."""
     robot = equations.model
+    if robot.output.size > robot.n_m:
+        yield Finding(
+            ERROR,
+            "output",
+            "number of outputs",
+            f"{robot.output.size} outputs, {robot.n_m} motors",
+            "at most as many outputs as motors",
+            FEWER,
+            99.0,
+        )
+        return
     for move in (*robot.moves, *robot.programs):
         key = f"{'program' if move in robot.programs else 'move'}.{move.name}"
         try:

@@ -123,7 +123,7 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
 
 
 def _angle_jacobians(arm: Arm) -> list[ca.SX]:
-    """The derivatives of `_output_jacobians` of the angle of the tool about one axis, (1, n_a) each."""
+    """The derivatives of `_output_jacobians` of the angle about one axis, (1, n_a) each."""
     q_a, v_a, a_a = arm.symbols("q_a", "v_a", "a_a")
     rate = _angle_rate(arm)
     second = ca.jtimes(rate, ca.vertcat(q_a, v_a), ca.vertcat(v_a, a_a))

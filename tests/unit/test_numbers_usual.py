@@ -321,7 +321,7 @@ def test_ranges_and_speeds_of_moves_by_hand() -> None:
 def test_moves_that_have_no_path_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     """Programs too; where more joints than outputs move, ranges are not checked."""
     a, b, c = Made(name="a"), Made(name="b"), Made(name="c")
-    equations: Any = Made(model=Made(moves=(a, b), programs=(c,)))
+    equations: Any = Made(model=Made(moves=(a, b), programs=(c,), output=Made(size=2), n_m=2))
 
     def joints(equations: Any, move: Any) -> Any:
         if move is a:

@@ -314,8 +314,8 @@ def _wrench_rows(model: RobotModel) -> str:
         )
     if model.output.has_angle:
         raise ArgumentError(
-            f"parts: given force for {model.name}, whose output is the position and one angle of the tool, expected "
-            "no parts"
+            f"parts: given force for {model.name}, whose output is the position and one angle of "
+            "the tool, expected no parts"
         )
     axes = model.output.axes if model.output.type == "tool_position" else "xyzabc"
     return ", ".join(str("xyzabc".index(axis)) for axis in axes)
