@@ -1,3 +1,3 @@
 """Names of the templates, each a file ``NAME.toml`` in this folder."""
 
-TEMPLATES = ("planar", "gantry", "scara", "six-axis")
+TEMPLATES = ("planar", "gantry", "scara", "palletizer", "six-axis")
