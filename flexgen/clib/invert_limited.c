@@ -601,11 +601,16 @@ static int quantities(const limited_call *m, int sample, int n_pre, int with_fri
     }
     out[OF_TOOL] = out[OF_TOOL + 1] = 0.0;
     if (on_path >= 0 && on_path < m->n) {
+#if MODEL_FURTHER
+        out[OF_TOOL] = size_of_tool(m->dy + on_path * (ptrdiff_t)NY);
+        out[OF_TOOL + 1] = size_of_tool(m->ddy + on_path * (ptrdiff_t)NY);
+#else  /* MODEL_FURTHER */
         real speed[2], acceleration[2];
         size_of_deviation(m->dy + on_path * (ptrdiff_t)NY, speed);
         size_of_deviation(m->ddy + on_path * (ptrdiff_t)NY, acceleration);
         out[OF_TOOL] = speed[0];
         out[OF_TOOL + 1] = acceleration[0];
+#endif /* MODEL_FURTHER */
     }
     return 1;
 }

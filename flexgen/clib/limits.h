@@ -336,7 +336,11 @@ static inline real output_rate(const real *s, const limits_layout *l, ptrdiff_t 
 }
 
 /* The positions of an output; a pose has rotations too. */
+#if MODEL_FURTHER
+enum { POSITIONS = TOOL_POSITIONS };
+#else  /* MODEL_FURTHER */
 enum { POSITIONS = MODEL_POSE ? 3 : NY };
+#endif /* MODEL_FURTHER */
 
 /* Speed or acceleration of the tool at node k. */
 static inline real tool_rate(const real *s, const limits_layout *l, ptrdiff_t k, int order, real T)

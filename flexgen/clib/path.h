@@ -348,14 +348,33 @@ static inline void add_deviation(const real *plan, const real *x, real T, real *
 #endif
 }
 
+#if MODEL_FURTHER
+/* Length of the outputs that are the position of the tool. */
+static inline real size_of_tool(const real *x)
+{
+    real sum = 0.0;
+    for (int i = 0; i < TOOL_POSITIONS; ++i) {
+        sum += x[i] * x[i];
+    }
+    return square_root(sum);
+}
+
+#endif /* MODEL_FURTHER */
 /* Length and angle of a deviation. */
 static inline void size_of_deviation(const real *x, real out[2])
 {
+#if MODEL_FURTHER
+    out[0] = out[1] = 0.0;
+    for (int i = 0; i < NY; ++i) {
+        out[output_is_angle[i]] += x[i] * x[i];
+    }
+#else  /* MODEL_FURTHER */
     const int positions = MODEL_POSE ? 3 : NY;
     out[0] = out[1] = 0.0;
     for (int i = 0; i < NY; ++i) {
         out[i < positions ? 0 : 1] += x[i] * x[i];
     }
+#endif /* MODEL_FURTHER */
     out[0] = square_root(out[0]);
     out[1] = square_root(out[1]);
 }

@@ -240,9 +240,13 @@ static inline int law_at(reader *r, real t, real s[JET])
 
 enum {
     WIDER = NG > NY ? NG : NY,
-    POSITION = 3,                       /* coordinates of a curve of the tool that are lengths; an angle may follow */
+#if MODEL_FURTHER
+    LENGTHS = 3,                        /* coordinates of a curve of the tool that are lengths; an angle may follow */
     DIMENSIONS = WIDER > 4 ? WIDER : 4, /* of a curve, at most */
     ARC_SHAPE = 7,                      /* numbers of an arc */
+#else                                   /* MODEL_FURTHER */
+    DIMENSIONS = WIDER > 3 ? WIDER : 3, /* of a curve, at most */
+#endif                                  /* MODEL_FURTHER */
     NODES = 12,                         /* of Gauss' quadrature */
     ARC_STEPS = 12,                     /* of Newton's method, at most */
     KNOTS_MAX = 1000,
@@ -276,7 +280,7 @@ static inline void composed(const real f[JET], const real s[JET], real out[JET])
 typedef struct {
     int is_arc;
     const real *length, *rate, *rotation, *axis, *hat2; /* hat2: square of the cross-product matrix of the axis */
-    const real *shape; /* displacement, or both radius vectors and the rate, then the displacement of an angle */
+    const real *shape;                                  /* displacement, or both radius vectors and the rate */
 } geometry;
 
 static inline int take_geometry(reader *r, int dimensions, geometry *g)
@@ -291,9 +295,14 @@ static inline int take_geometry(reader *r, int dimensions, geometry *g)
     g->rotation = take(&block, 3);
     g->axis = take(&block, 3);
     g->hat2 = take(&block, 9);
-    g->shape = take(&block, g->is_arc == 1 ? ARC_SHAPE + dimensions - POSITION : dimensions);
-    return g->is_arc >= 0 && (!g->is_arc || dimensions == POSITION || dimensions == POSITION + 1) &&
-           g->shape != NULL && g->hat2 != NULL;
+#if MODEL_FURTHER
+    g->shape = take(&block, g->is_arc == 1 ? ARC_SHAPE + dimensions - LENGTHS : dimensions);
+    return g->is_arc >= 0 && (!g->is_arc || dimensions == LENGTHS || dimensions == LENGTHS + 1) && g->shape != NULL &&
+           g->hat2 != NULL;
+#else  /* MODEL_FURTHER */
+    g->shape = take(&block, g->is_arc == 1 ? 7 : dimensions);
+    return g->is_arc >= 0 && (!g->is_arc || dimensions == 3) && g->shape != NULL && g->hat2 != NULL;
+#endif /* MODEL_FURTHER */
 }
 
 /* Jet of the displacement from the start, from the jet of the parameter. */
@@ -318,11 +327,13 @@ static inline void displacement(const geometry *g, int dimensions, const real s[
             composed(f, phi, out[i]);
             out[i][0] = sine * b[i] - 2.0 * (half * half) * a[i]; /* 1 - cos without cancellation */
         }
-        for (int i = POSITION; i < dimensions; ++i) {
+#if MODEL_FURTHER
+        for (int i = LENGTHS; i < dimensions; ++i) { /* an angle, in proportion to the parameter */
             for (int k = 0; k < JET; ++k) {
-                out[i][k] = g->shape[ARC_SHAPE + i - POSITION] * (s[k] / *g->length);
+                out[i][k] = g->shape[ARC_SHAPE + i - LENGTHS] * (s[k] / *g->length);
             }
         }
+#endif /* MODEL_FURTHER */
     }
 }
 
@@ -508,7 +519,11 @@ static inline real corner_speed(const corner *c, int dimensions, real at)
     real x[DIMENSIONS][JET], sum;
     corner_position(c, dimensions, u, x);
     sum = x[0][1] * x[0][1];
-    for (int i = 1; i < dimensions && i < POSITION; ++i) {
+#if MODEL_FURTHER
+    for (int i = 1; i < dimensions && i < LENGTHS; ++i) {
+#else  /* MODEL_FURTHER */
+    for (int i = 1; i < dimensions; ++i) {
+#endif /* MODEL_FURTHER */
         sum += x[i][1] * x[i][1];
     }
     return square_root(sum);
@@ -543,7 +558,11 @@ static inline void corner_parameter(const corner *c, int dimensions, const real 
     f[1] = 1.0;
     f[2] = 0.0;
     corner_position(c, dimensions, f, x);
-    for (int i = 0; i < dimensions && i < POSITION; ++i) {
+#if MODEL_FURTHER
+    for (int i = 0; i < dimensions && i < LENGTHS; ++i) {
+#else  /* MODEL_FURTHER */
+    for (int i = 0; i < dimensions; ++i) {
+#endif /* MODEL_FURTHER */
         squared = squared + x[i][1] * x[i][1];
         changing = changing + (x[i][1] * x[i][2] + x[i][2] * x[i][1]);
     }

@@ -56,7 +56,7 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _PARTS = (
-    *("BOUNDS", "CURVED", "DIRECT", "FILTERS", "FORCE", "HYSTERESIS", "HARMONICS"),
+    *("BOUNDS", "CURVED", "DIRECT", "FILTERS", "FORCE", "FURTHER", "HYSTERESIS", "HARMONICS"),
     *("LIMITED", "LOAD", "LUGRE", "MEMORY", "POSITION"),
 )
 _IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
@@ -182,6 +182,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         "DIRECT": spec.motor_constants.massless,
         "FILTERS": any(filter_sizes(spec)),
         "FORCE": spec.force,
+        "FURTHER": bool(spec.motor_constants.further),
         "HYSTERESIS": count_elements(spec) > 0,
         "HARMONICS": is_harmonic(spec),
         "LIMITED": any(struct.name == "inversion_limits" for struct in spec.structs),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.mechanics.output_columns import output_units
 from flexgen.model.elements import LinearSpring, RobotModel
 from flexgen.model.friction import bristled_motors, harmonic_sums
 from flexgen.position_servo.keys import ServoTable
@@ -51,6 +52,10 @@ class MotorConstants:
         Of libraries with positions to send.
     pose : bool
         Whether the output is a pose.
+    positions : int
+        Number of outputs that are the position of the tool.
+    further : tuple of bool
+        Where others follow them, but a pose: of each output, whether it is an angle; else empty.
     massless : bool
         Whether a motion has no inertia, see `flexgen.mechanics.inversion_functions.lacks_inertia`.
     """
@@ -75,6 +80,8 @@ class MotorConstants:
     arm_side: tuple[float, ...]
     servo: ServoTable | None
     pose: bool
+    positions: int
+    further: tuple[bool, ...]
     massless: bool
 
 
@@ -99,6 +106,14 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
     return {
         name: tuple(float(x) for x in values) for name, values in zip(names, numbers, strict=True)
     }
+
+
+def _further(model: RobotModel) -> tuple[bool, ...]:
+    """Whether each output is an angle, where outputs follow the position of the tool; else empty."""
+    output = model.output
+    if output.type in ("combination", "tool_pose") or output.size == len(output.axes):
+        return ()
+    return tuple(unit == "rad" for unit in output_units(model))
 
 
 def motor_constants(
@@ -154,5 +169,7 @@ def motor_constants(
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",
+        positions=len(model.output.axes),
+        further=_further(model),
         massless=equations is not None and is_massless(equations, parameters),
     )

@@ -133,7 +133,8 @@ def enforce_limits(
         )
         result = replace(result, tau_b=torques)
     meters, angle = found.deviation_m, found.deviation_rad
-    size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if pose else "")
+    turns = pose or robot.output.has_angle
+    size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if turns else "")
     off = max(meters / min(1.0, reach(problem.equations)), angle)
     return replace(
         result,

@@ -188,8 +188,11 @@ def _inputs(
     units = ["m"] * 3 + ["1"] * 9 if pose else list(output_units(model))
     rates = ["m"] * 3 + ["rad"] * 3 if pose else units
     out = []
+    turn = model.output.tool_size - 1 if model.output.has_angle else -1
     for k in range(n_t):
         text = f"position {ahead}" if k < 3 or not pose else f"rotation matrix by columns {ahead}"
+        if k == turn:
+            text = f"angle of the tool {ahead}"
         out.append(
             Variable(
                 f"path.position[{k + 1}]", INPUT, k, units[k], text, float(start[k]), sampled=True

@@ -50,7 +50,7 @@ const char *elbow_status_text(elbow_status status)
 
 const char *elbow_digest(void)
 {
-    return "519bfc61b8c5e3986fb107923191289f56ee631730c2e910cb27134667f69d41";
+    return "3c2708cd2bf2012fcc876a62148bfdaa0e2de13d097d2568417952cae205f44c";
 }
 
 const char *elbow_interface(void)
