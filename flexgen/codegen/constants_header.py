@@ -154,11 +154,9 @@ def constants_header(
         text += f"static const real notch_filter[{len(sections)}][5] = {{{', '.join(map(join, sections))}}};\n"
         text += f"static const real filter_sample = {literal(h, spec.precision)}; /* s */\n"
     if constants.further:
-        text += (
-            f"enum {{ TOOL_POSITIONS = {constants.positions} }}; /* outputs: position of the tool */\n"
-            f"static const int output_is_angle[{len(constants.further)}] = "
-            f"{{{', '.join(str(int(one)) for one in constants.further)}}}; /* of [rad], not [m] */\n"
-        )
+        angles = ", ".join(str(int(one)) for one in constants.further)
+        text += f"enum {{ TOOL_POSITIONS = {constants.positions} }}; /* of the outputs */\n"
+        text += f"static const int output_is_angle[{len(constants.further)}] = {{{angles}}};\n"
     text += _for_growth(spec, written, join(constants.arm_side))
     used = [f for f in spec.functions if f.name in INVERTING]
     space = space_of(spec, written)

@@ -109,7 +109,7 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
 
 
 def _further(model: RobotModel) -> tuple[bool, ...]:
-    """Whether each output is an angle, where outputs follow the position of the tool; else empty."""
+    """Whether each output is an angle, if others follow the position of the tool; else empty."""
     output = model.output
     if output.type in ("combination", "tool_pose") or output.size == len(output.axes):
         return ()

@@ -450,7 +450,8 @@ class _Planner:
         if not self.model.output.has_angle:
             return rotation
         axis = np.array(self.model.output.rotation_axis)
-        off = float(np.linalg.norm(np.cross(rotation, axis)))
+        tilted = to @ R.T @ axis
+        off = float(np.arctan2(np.linalg.norm(np.cross(axis, tilted)), axis @ tilted))
         if off > SAME_TILT:
             expected = (
                 f"an orientation with the tilt of the tool, which only rotates about "

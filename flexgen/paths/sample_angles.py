@@ -60,7 +60,8 @@ def _rotations(q: np.ndarray, model: RobotModel, R: np.ndarray) -> np.ndarray:
     turned = quaternion_product(q[:, :, None], np.broadcast_to(back, q.shape)[:, :, None])[:, :, 0]
     axis = np.array(model.output.rotation_axis)
     along = turned[:, 1:] @ axis
-    off = 2 * np.linalg.norm(turned[:, 1:] - along[:, None] * axis, axis=1)
+    across = np.linalg.norm(turned[:, 1:] - along[:, None] * axis, axis=1)
+    off = 2 * np.arcsin(np.minimum(across, 1.0))
     worst = int(np.argmax(off))
     if off[worst] > SAME_TILT:
         raise ArgumentError(

@@ -231,7 +231,7 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
             "a column that is a joint and an output",
             "another name of the joint in the model",
         )
-    if any(name in file.columns for name in joints):
+    if _has_joints(file, tool):
         space, values = "joint", file.take(joints)
     elif any(name in file.columns for name in outputs):
         if tool:
@@ -268,6 +268,17 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
                 "different rows, or a column t or u",
             )
     return Samples(space, values, q, knots, timed, angles)
+
+
+def _has_joints(file: _File, tool: bool) -> bool:
+    """Whether the columns are joints: some, which are not those of a tool position of their names.
+
+    The quill of a SCARA is often called z: then x, y, z without the other joints are the tool.
+    """
+    named = {name for name in file.joints if name in file.columns}
+    if not named or named == set(file.joints):
+        return bool(named)
+    return not (tool and named <= set(POSITION) <= set(file.columns))
 
 
 def _angles(file: _File, model: RobotModel, oriented: bool) -> np.ndarray | None:

@@ -1,4 +1,4 @@
-"""Outputs with the rotation about one axis: position and angle against kinematics written out here by hand."""
+"""Outputs with the rotation about one axis, against kinematics written out here by hand."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ ROUNDING = 1e-12
 # Central differences with steps of 1e-4 and their halves: h^4 and 1e-16 / h.
 DIFFERENCE = 1e-8
 FULL_TURN = 2 * np.pi
+FOLLOWED = 1e-6  # m and rad: accuracy to which a move is solved
 
 
-# --- robots, and their kinematics by hand -----------------------------------------------------------------------------
+# --- robots, and their kinematics by hand ---------------------------------------------------------
 
 
 def about(axis: int, angle: float) -> np.ndarray:
@@ -100,7 +101,10 @@ ROBOTS: dict[str, Robot] = {
     "palletizer": ("palletizer", palletizer, [0, 1, 2], angle_about_z, lambda q: q[0] + q[3]),
     "planar3": (str(SUPPORT / "planar3.toml"), planar, [0, 2], angle_about_minus_y, np.sum),
 }
-QUICK = ["tilted_scara", *(pytest.param(x, marks=pytest.mark.slow) for x in ("palletizer", "planar3"))]
+QUICK = [
+    "tilted_scara",
+    *(pytest.param(x, marks=pytest.mark.slow) for x in ("palletizer", "planar3")),
+]
 EACH = pytest.mark.parametrize("name", QUICK)
 
 
@@ -135,7 +139,7 @@ def poses(name: str, count: int = 6) -> np.ndarray:
     return q
 
 
-# --- the output and its derivatives -----------------------------------------------------------------------------------
+# --- the output and its derivatives ---------------------------------------------------------------
 
 
 def outputs(name: str, q: np.ndarray) -> np.ndarray:
@@ -193,18 +197,23 @@ def test_rates_are_derivatives_of_the_kinematics_by_hand(name):
 def test_a_planted_axis_is_seen(monkeypatch):
     """Planted: the angle counts clockwise; the test of the output must fail."""
     right = tool_angle.plane_axes
-    monkeypatch.setattr(tool_angle, "plane_axes", lambda output: (right(output)[0], -right(output)[1]))
+    monkeypatch.setattr(
+        tool_angle, "plane_axes", lambda output: (right(output)[0], -right(output)[1])
+    )
     own = derive(equations("tilted_scara").model)
     q = poses("tilted_scara")
     expected = np.array([by_hand("tilted_scara", one) for one in q])
     found = np.asarray(evaluate(own.function("output"), q)[0]).reshape(len(q), -1)
-    assert np.abs(found - expected)[:, -1].max() > 0.1 and np.abs(found - expected)[:, :3].max() < 1e-11
+    assert (
+        np.abs(found - expected)[:, -1].max() > 0.1
+        and np.abs(found - expected)[:, :3].max() < 1e-11
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["tilted_scara", "palletizer", "planar3"])
 def test_mujoco_has_the_same_position_and_angle(name):
-    """The exported robot, at its joints; the level wrist of the palletizer is set from the others."""
+    """The exported robot at its joints; that of a level wrist is set from the others."""
     model = equations(name).model
     machine = mujoco.MjModel.from_xml_string(mjcf(model))
     data = mujoco.MjData(machine)
@@ -225,7 +234,7 @@ def test_mujoco_has_the_same_position_and_angle(name):
         assert abs(off) < ROUNDING * 10
 
 
-# --- paths ------------------------------------------------------------------------------------------------------------
+# --- paths ----------------------------------------------------------------------------------------
 
 PROFILE = (0.8, 6.0, 150.0, 8000.0)
 TURN = (0.0, 0.0, 1.0)
@@ -239,8 +248,8 @@ LEGS = (
 
 
 def scara_moves() -> dict[str, Move]:
-    line = {"displacement": (-0.1, 0.12, -0.05), "rotation": (0.0, 0.0, 4.5)}
-    arc = {"center": (-0.08, 0.05, 0.0), "axis": (0.1, 0.0, 1.0), "angle": 1.9, "rotation": TURN}
+    line = {"displacement": (-0.1, 0.12, -0.05), "rotation": (0.0, 0.0, 2.5)}
+    arc = {"center": (-0.08, -0.05, 0.0), "axis": (0.1, 0.0, 1.0), "angle": 1.1, "rotation": TURN}
     joints = {"joint_profile": (2.0, 20.0, 400.0, 2e4)}
     steps = (
         MoveL((-0.05, 0.0, 0.0), rotation=TURN, zone=0.01),
@@ -249,11 +258,11 @@ def scara_moves() -> dict[str, Move]:
         MoveL((-0.04, 0.02, 0.01), rotation=(0.0, 0.0, -0.5)),
     )
     return {
-        "line": Move("line", "tool_line", START, 0.6, 5, **line),
+        "line": Move("line", "tool_line", START, 0.8, 5, **line),
         "bounded line": Move("line", "tool_line", START, 0.0, 0, profile=PROFILE, **line),
         "turn": Move("turn", "tool_line", START, 0.6, 5, displacement=(0, 0, 0), rotation=TURN),
-        "arc": Move("arc", "tool_circle", START, 0.6, 5, **arc),
-        "polyline": Move("p", "tool_polyline", START, 0.9, 6, legs=LEGS),
+        "arc": Move("arc", "tool_circle", START, 0.8, 5, **arc),
+        "polyline": Move("p", "tool_polyline", START, 1.6, 6, legs=LEGS),
         "bounded polyline": Move("p", "tool_polyline", START, 0.0, 5, legs=LEGS, profile=PROFILE),
         "joint": Move("joint", "joint", START, 0.6, 5, end=(0.8, 0.3, -0.1, 0.5)),
         "program": Program("program", start=START, steps=steps, profile=PROFILE, **joints),
@@ -266,7 +275,7 @@ def path_of(move: str) -> Path:
 
 @pytest.mark.parametrize("move", scara_moves())
 def test_joints_along_a_path_have_its_output(move):
-    """The joints of the undeflected arm, by hand back to the output; the derivatives belong to it."""
+    """The joints of the undeflected arm lead back to the output; derivatives belong to it."""
     path = path_of(move)
     t = np.linspace(0.0, path.duration, 41)
     sample = path.sample(t)
@@ -291,8 +300,10 @@ def test_joints_along_a_path_have_its_output(move):
 
 
 def test_a_rotation_of_more_than_a_turn_is_a_number():
-    """A line that turns the tool by 800 deg, and an arc: the angle grows in proportion to the length."""
-    line = Move("l", "tool_line", START, 1.0, 5, displacement=(-0.1, 0.1, 0.0), rotation=(0, 0, 14.0))
+    """A line that turns the tool by 800 deg: the angle grows in proportion to the length."""
+    line = Move(
+        "l", "tool_line", START, 1.0, 5, displacement=(-0.1, 0.1, 0.0), rotation=(0, 0, 14.0)
+    )
     y = Path(equations("tilted_scara"), line).sample(np.linspace(0.0, 1.0, 21)).y[:, :, 0]
     assert y[0, 3] == pytest.approx(1.2, abs=1e-14) and y[-1, 3] - y[0, 3] == pytest.approx(14.0)
     share = (y[:, 0] - y[0, 0]) / -0.1
@@ -300,10 +311,13 @@ def test_a_rotation_of_more_than_a_turn_is_a_number():
 
 
 def test_corners_leave_arc_length_to_the_position():
-    """A rotation does not bend the path: with and without it the positions are the same, bit by bit."""
+    """A rotation does not bend the path: positions have the same bits with and without it."""
     still = tuple(replace(leg, rotation=(0.0, 0.0, 0.0)) for leg in LEGS)
     own = [
-        Path(equations("tilted_scara"), Move("p", "tool_polyline", START, 0.9, 6, legs=legs, radius=1e-3))
+        Path(
+            equations("tilted_scara"),
+            Move("p", "tool_polyline", START, 0.9, 6, legs=legs, radius=1e-3),
+        )
         for legs in (LEGS, still)
     ]
     t = np.linspace(0.0, 0.9, 101)
@@ -347,7 +361,7 @@ def sampled_columns(kind: str) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("kind", ["angle", "wrapped", "quaternion", "vector", "none"])
 def test_a_sampled_path_has_the_angle_of_its_file(kind, tmp_path):
-    """As a column, also within half a turn, as quaternions or rotation vectors; without one it is kept."""
+    """As a column, also within half a turn, as quaternions or vectors; without one it is kept."""
     file = write_samples(tmp_path, sampled_columns(kind))
     path = Path(equations("tilted_scara"), Move("s", "sampled", START, 0.0, 0, file=file))
     y = path.sample(np.linspace(0.0, 1.0, 31)).y[:, :, 0]
@@ -372,7 +386,7 @@ def test_sampled_orientations_that_tilt_and_angles_of_other_outputs_are_refused(
         Path(derive(other), move)
 
 
-# --- whole moves ------------------------------------------------------------------------------------------------------
+# --- whole moves ----------------------------------------------------------------------------------
 
 
 def follows(name: str, move: Move | str, **options: object) -> flexgen.Solution:
@@ -380,12 +394,10 @@ def follows(name: str, move: Move | str, **options: object) -> flexgen.Solution:
     found = flexgen.solve(equations(name), move, progress=False, **options)
     assert str(found.status) == "solved" and found.simulation is not None
     run = found.simulation.trajectory
-    wanted = np.column_stack([np.interp(run.time, found.trajectory.time, x) for x in found.trajectory["y_ref"].T])
+    wanted = Path(equations(name), found.move).sample(run.time).y[:, :, 0]
     attained = np.array([by_hand(name, q) for q in run["q_a"]])
-    # a linear interpolation of the reference between samples of a millisecond
-    assert np.abs(attained - wanted).max() < 2e-5
-    at = np.isin(run.time, found.trajectory.time)
-    assert np.abs(run["error"][at] - (attained - wanted)[at]).max() < 1e-9 + 1e-6 * at.any()
+    assert np.abs(attained - wanted).max() < FOLLOWED
+    assert np.abs(run["error"] - (attained - wanted)).max() < 100 * ROUNDING
     return found
 
 
@@ -423,7 +435,7 @@ def test_two_methods_give_the_same_torques():
     assert np.abs(tau[0] - tau[1]).max() < 1e-4 * np.abs(tau[0]).max()
 
 
-# --- C ----------------------------------------------------------------------------------------------------------------
+# --- C --------------------------------------------------------------------------------------------
 
 
 @needs_compiler
@@ -436,11 +448,19 @@ def test_c_has_the_output_of_the_definition(name):
     states = random_states(own.model, 5)
     target = np.zeros(own.model.output.size)
     for q, v, a in zip(states["q_a"], states["v_a"], states["a_a"], strict=True):
-        for function, inputs in (("output_constraint", (q, v, target)), ("inversion_jacobians", (q, v, a))):
+        for function, inputs in (
+            ("output_constraint", (q, v, target)),
+            ("inversion_jacobians", (q, v, a)),
+        ):
+            if function not in library.functions:  # without elastic coordinates C needs none
+                assert not own.model.n_e
+                continue
             found = getattr(library, function)(*inputs)
             expected = evaluate(own.function(function), *inputs)
             for x, y in zip(found, expected, strict=True):
-                assert np.abs(np.asarray(x) - y[0].reshape(np.shape(x))).max() < 1e-9 * (1 + np.abs(y).max())
+                assert np.abs(np.asarray(x) - y[0].reshape(np.shape(x))).max() < 1e-9 * (
+                    1 + np.abs(y).max()
+                )
 
 
 @needs_compiler
@@ -468,7 +488,9 @@ def test_the_sampler_in_c_has_the_bits_of_python(move):
 def test_a_planted_angle_of_arcs_is_seen(monkeypatch):
     path = path_of("arc")
     sampler = paths_library(path.equations, "path_sampler").path_sampler(path.table())
-    monkeypatch.setattr(WithAngle, "angle", property(lambda self: 1.001 * self.rotation @ self.axis))
+    monkeypatch.setattr(
+        WithAngle, "angle", property(lambda self: 1.001 * self.rotation @ self.axis)
+    )
     y = path_of("arc").sample(np.array([0.3])).y[0, :, 0]
     assert np.array_equal(sampler(0.3)[0][:3], y[:3]) and abs(sampler(0.3)[0][3] - y[3]) > 1e-4
 
@@ -498,21 +520,21 @@ def test_a_stream_gives_the_torques_of_the_whole_path():
 @needs_compiler
 @pytest.mark.slow
 def test_limits_slow_the_tool_and_count_its_position_only():
-    """A bound on the speed of the tool: the deviation is stated in m and rad; the speed is that of the position."""
+    """A bound on the tool speed is one of the position; the deviation is stated in m and rad."""
     own = equations("tilted_scara")
     free = follows("tilted_scara", scara_moves()["line"])
     speeds = np.linalg.norm(np.diff(free.trajectory["y_ref"][:, :3], axis=0), axis=1)
     fastest = float((speeds / np.diff(free.trajectory.time)).max())
     wide = flexgen.Limits(tool_speed=1.05 * fastest)
     found = flexgen.solve(own, scara_moves()["line"], limits=wide, progress=False)
-    assert str(found.status) == "solved"  # 4.5 rad in 0.6 s would break a bound on all four
+    assert str(found.status) == "solved"  # the rotation would break a bound on all four
     tight = flexgen.solve(
         own, scara_moves()["line"], limits=flexgen.Limits(tool_speed=0.9 * fastest), progress=False
     )
     assert "m and" in tight.verdict and tight.details["deviation_max_m"] > 1e-4
 
 
-# --- redundant arms ---------------------------------------------------------------------------------------------------
+# --- redundant arms -------------------------------------------------------------------------------
 
 TRACK = """
 [[element]]
@@ -522,7 +544,10 @@ body = { mass = 60.0, com = [0, 0, 0], inertia = [2, 2, 2] }
 name = "x"
 type = "translation"
 axis = [1, 0, 0]
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 2e6 }, damping = 600 }
+gear.type = "elastic"
+gear.side = "arm"
+gear.spring = { type = "linear", stiffness = 2e6 }
+gear.damping = 600
 
 [[element]]
 name = "column"
@@ -542,8 +567,12 @@ name = "m1"
 def track_robot(tmp_path: FilePath) -> RobotModel:
     """The SCARA with its tilting column on a track with a fifth motor."""
     text = FilePath(ROBOTS["tilted_scara"][0]).read_text()
-    text = text.replace('\n[[element]]\nname = "column"\n', TRACK).replace('\n[[motor]]\nname = "m1"\n', MOTOR)
-    text = text.replace("_rad = [0.3,", "_rad = [0.0, 0.3,").replace("end_rad = [0.9,", "end_rad = [0.2, 0.9,")
+    text = text.replace('\n[[element]]\nname = "column"\n', TRACK).replace(
+        '\n[[motor]]\nname = "m1"\n', MOTOR
+    )
+    text = text.replace("_rad = [0.3,", "_rad = [0.0, 0.3,").replace(
+        "end_rad = [0.9,", "end_rad = [0.2, 0.9,"
+    )
     (tmp_path / "track.toml").write_text(text)
     return read(tmp_path / "track.toml")
 
@@ -551,12 +580,13 @@ def track_robot(tmp_path: FilePath) -> RobotModel:
 @needs_compiler
 @pytest.mark.parametrize("fixed", [None, pytest.param("x", marks=pytest.mark.slow)])
 def test_a_robot_on_an_elastic_track_follows_a_path_of_its_tool(fixed, tmp_path):
-    """Five motors, four outputs, three coordinates without motor: the tool is exact, with all deflections."""
+    """Five motors, four outputs, three coordinates without motor: the tool is exact."""
     robot = track_robot(tmp_path)
     found = flexgen.solve(robot, "line", fixed_joint=fixed, progress=False)
     assert str(found.status) == "solved" and found.simulation is not None
     q = found.simulation.trajectory["q_a"]
-    y = np.array([by_hand("tilted_scara", one[1:]) + [one[0], 0, 0, 0] for one in q])
+    y = np.array([by_hand("tilted_scara", one[1:]) for one in q])
+    y[:, 0] += q[:, 0]
     displacement = np.array([-0.12, 0.15, -0.06, np.radians(60)])
     share = (y - y[0]) @ displacement / (displacement @ displacement)
     assert share[-1] == pytest.approx(1.0, abs=1e-6)
@@ -566,7 +596,7 @@ def test_a_robot_on_an_elastic_track_follows_a_path_of_its_tool(fixed, tmp_path)
         assert np.ptp(q[:, 0]) < 1e-3  # the deflection of its gear is left
 
 
-# --- refusals ---------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 def changed(tmp_path: FilePath, *changes: tuple[str, str]) -> str:
@@ -585,7 +615,11 @@ ROTATION = "rotation_deg = [0, 0, 60]"
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (ROTATION, "rotation_deg = [0, 10, 60]", r"rotation_deg.*about the axis of the output, \[0, 0, 1\]"),
+        (
+            ROTATION,
+            "rotation_deg = [0, 10, 60]",
+            r"rotation_deg.*about the axis of the output, \[0, 0, 1\]",
+        ),
         ("rotation_axis = [0, 0, 1] ", "rotation_axis = [0, 0, 0] ", "direction that is not zero"),
         ("rotation_axis = [0, 0, 1] ", 'reference = "w"\nrotation_axis = [0, 0, 1]', "reference"),
         ("rotation_axis = [0, 0, 1] ", "# rotation_axis", "rotation_axis: given nothing"),
@@ -597,8 +631,10 @@ def test_errors_of_a_file_name_the_key(old, new, message, tmp_path):
 
 
 def test_a_reference_along_the_axis_is_refused(tmp_path):
-    file = changed(tmp_path, ("rotation_axis = [0, 0, 1] ", 'reference = "z"\nrotation_axis = [0, 0, 1]'))
-    with pytest.raises(ArgumentError, match="given output.reference 'z', which is along"):
+    file = changed(
+        tmp_path, ("rotation_axis = [0, 0, 1] ", 'reference = "z"\nrotation_axis = [0, 0, 1]')
+    )
+    with pytest.raises(ArgumentError, match=r"given output\.reference 'z', which is along"):
         flexgen.plan(file)
 
 
@@ -618,8 +654,14 @@ def test_an_orientation_with_another_tilt_is_refused():
 
 
 def test_too_many_outputs_are_told_without_a_method_that_refuses_them(tmp_path):
-    file = changed(tmp_path, ('type = "tool_position_angle"', 'type = "tool_pose"'), ("rotation_axis = [0, 0, 1] ", "# "))
-    with pytest.raises(ArgumentError, match='such as an output of type "tool_position_angle"') as told:
+    file = changed(
+        tmp_path,
+        ('type = "tool_position_angle"', 'type = "tool_pose"'),
+        ("rotation_axis = [0, 0, 1] ", "# "),
+    )
+    with pytest.raises(
+        ArgumentError, match='such as an output of type "tool_position_angle"'
+    ) as told:
         flexgen.solve(file, progress=False)
     assert "--method full" not in str(told.value)
     with pytest.raises(ArgumentError):
