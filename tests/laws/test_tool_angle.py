@@ -148,7 +148,7 @@ def outputs(name: str, q: np.ndarray) -> np.ndarray:
 
 @EACH
 def test_position_and_angle_are_those_of_the_kinematics_by_hand(name):
-    """Whole turns of the last joint count: the angle is no principal value."""
+    """Whole turns of the last joint count: the angle is not reduced to half a turn."""
     q = poses(name)
     expected = np.array([by_hand(name, one) for one in q])
     assert np.abs(outputs(name, q) - expected).max() < ROUNDING * 10
@@ -275,7 +275,7 @@ def path_of(move: str) -> Path:
 
 @pytest.mark.parametrize("move", scara_moves())
 def test_joints_along_a_path_have_its_output(move):
-    """The joints of the undeflected arm lead back to the output; derivatives belong to it."""
+    """The joints of the undeflected arm have this output; its derivatives belong to it."""
     path = path_of(move)
     t = np.linspace(0.0, path.duration, 41)
     sample = path.sample(t)
