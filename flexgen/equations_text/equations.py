@@ -63,8 +63,8 @@ class SymbolicEquations:
     tool : Matrix
         Position of the tool in the world (3, 1) [m].
     output : Matrix
-        What the model's reference prescribes: a combination of coordinates (n_y, 1), or rows of ``tool``; of a pose
-        its position.
+        What the model's reference prescribes: a combination of coordinates (n_y, 1), or rows of
+        ``tool``; of a pose, or with the angle of the tool, its position.
     """
 
     model: RobotModel
@@ -211,15 +211,14 @@ class SymbolicEquations:
             moving = self.tool.free_symbols & set(self.q_a)
             rest = [Section("Position of the tool p", position)] if moving else []
             return [Section(f"Declared output y, {unit}", rows), *rest]
-        rows = (
-            position
-            if output.type == "tool_pose"
-            else tuple(position["xyz".index(axis)] for axis in output.axes)
-        )
+        rows = tuple(position[i] for i in output.tool_rows)
         plain = f"y = ({', '.join(row.text() for row in rows)})"
         formula = rf"y = ({', '.join(row.latex() for row in rows)})"
         if output.type == "tool_pose":
             plain, formula = f"{plain} and the rotation", rf"{formula} \text{{ and the rotation}}"
+        if output.has_angle:
+            angle = f"and the angle of the tool about {output.axis_text} [rad]"
+            plain, formula = f"{plain} {angle}", rf"{formula} \text{{ {angle}}}"
         return [Section("Position of the tool p, declared output y", position, plain, formula)]
 
 
@@ -265,7 +264,7 @@ def _gravity(model: RobotModel, symbols: Symbols) -> Expr3:
 
 
 def _output(model: RobotModel, q_a: tuple[sp.Symbol, ...], position: sp.Matrix) -> sp.Matrix:
-    """The declared output; of a pose its position."""
+    """The declared output; of a pose or with an angle its position."""
     output = model.output
     if output.type == "combination":
         weights = [
@@ -273,11 +272,7 @@ def _output(model: RobotModel, q_a: tuple[sp.Symbol, ...], position: sp.Matrix) 
             for row in output.weights
         ]
         return sp.Matrix(weights) * sp.Matrix(q_a)
-    return (
-        position
-        if output.type == "tool_pose"
-        else position.extract(["xyz".index(a) for a in output.axes], [0])
-    )
+    return position.extract(list(output.tool_rows), [0])
 
 
 def _check_small(model: RobotModel) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from flexgen.display import plain, short_repr
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inverse_kinematics.few_axes import FewAxes, has_few_axes
 from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.motor_harmonics import gear_angles_along, transmission_errors
@@ -123,7 +124,8 @@ def kinematics(
     Parameters
     ----------
     model : name, path, RobotModel or Equations
-        With six actuated joints, or more with ``fixed`` ones.
+        With six actuated joints, or more with ``fixed`` ones; or with as many as the outputs of a
+        ``tool_position_angle``, such as a SCARA.
     position : array (3,) [m]
         Of the tool in the world.
     rotation : array (3, 3)
@@ -163,6 +165,8 @@ def kinematics(
         raise ArgumentError(
             "rotation: given a matrix that is not a rotation, expected orthogonal columns, right-handed"
         )
+    if has_few_axes(robot) and not fixed:
+        return _of_few_axes(robot, p, R, sag)
     names = [robot.coordinates[i].name for i in robot.i_g]
     for name in fixed or {}:
         if name not in names:
@@ -174,6 +178,23 @@ def kinematics(
     if sag:
         found = [q for q in (solver.solve_sag(goal, q) for q in found) if q is not None]
     made = [solver.configuration(goal, q, sag) for q in found]
+    return tuple(sorted(made, key=lambda c: float(np.abs(c.q - home).max())))
+
+
+def _of_few_axes(
+    robot: RobotModel, p: np.ndarray, R: np.ndarray, sag: bool
+) -> tuple[Configuration, ...]:
+    """The configurations of an arm whose output is the position of the tool and its angle."""
+    if sag:
+        raise ArgumentError(
+            f"sag: given for model {robot.name} with {robot.n_g} axes, expected an arm with six"
+        )
+    search, home = FewAxes(derive(robot)), np.array(robot.home)
+    made = []
+    for q in search.all_at(p, R):
+        distance, branch = search.distance(q)
+        inside = search.within_limits(q)
+        made.append(Configuration(q, search.error(q, p, R), inside, branch, distance, {}))
     return tuple(sorted(made, key=lambda c: float(np.abs(c.q - home).max())))
 
 

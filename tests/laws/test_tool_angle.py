@@ -386,6 +386,31 @@ def test_sampled_orientations_that_tilt_and_angles_of_other_outputs_are_refused(
         Path(derive(other), move)
 
 
+@needs_compiler
+@pytest.mark.parametrize(("name", "most"), [("planar3", 2), ("tilted_scara", 2), ("palletizer", 4)])
+def test_kinematics_finds_the_joints_of_a_pose(name, most):
+    """The joints of poses by hand are among the configurations; all of them reach the pose."""
+    model, rng = equations(name).model, np.random.default_rng(8)
+    for _ in range(4):
+        q = np.zeros(model.n_a)
+        q[list(model.i_g)] = model.home + rng.uniform(-0.4, 0.4, model.n_g)
+        p, R = ROBOTS[name][1](q)
+        found = flexgen.kinematics(model, p, R)
+        assert 1 <= len(found) <= most
+        off = [np.abs(one.q - q[list(model.i_g)]).max() for one in found]
+        assert min(off) < 1e-7
+        for one in found:
+            full = np.zeros(model.n_a)
+            full[list(model.i_g)] = one.q
+            own = ROBOTS[name][1](full)
+            assert np.abs(own[0] - p).max() < 1e-8 and np.abs(own[1] - R).max() < 1e-8
+    # a tool that tilts, and one out of reach
+    assert flexgen.kinematics(model, p, about(0, 0.01) @ R) == ()
+    assert flexgen.kinematics(model, p + np.array([9.0, 0.0, 0.0]), R) == ()
+    with pytest.raises(ArgumentError, match="sag: given for model"):
+        flexgen.kinematics(model, p, R, sag=True)
+
+
 # --- whole moves ----------------------------------------------------------------------------------
 
 
