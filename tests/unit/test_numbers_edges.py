@@ -40,6 +40,7 @@ from flexgen.identification.local_model import LocalModel
 from flexgen.inverse_kinematics import targets
 from flexgen.lab import initial_value
 from flexgen.library import compiler, object_cache
+from flexgen.model.elements import Output
 from flexgen.numerics.tableaus import gauss
 from flexgen.performance.smoother import PathSmoother
 from flexgen.planning import model_limits
@@ -431,7 +432,7 @@ def test_a_compiler_for_another_processor_has_its_own_default(
 def test_the_tool_of_translations_is_in_units_of_the_reach() -> None:
     """Of `flexgen.analysis.solvability`: a length over a length, an angle times the reach."""
     coordinates = [Made(unit="rad"), Made(unit="m")]
-    model: Any = Made(output=Made(size=6, type="tool_pose"), coordinates=coordinates, i_g=(0, 1))
+    model: Any = Made(output=Output("tool_pose"), coordinates=coordinates, i_g=(0, 1))
     arm: Any = Made(W_g=np.ones((1, 6, 2)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solvability, "reach", lambda equations: 0.5)

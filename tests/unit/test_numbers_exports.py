@@ -21,7 +21,7 @@ from flexgen.exports.ros2 import export as ros2
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
 from flexgen.mechanics.equations import derive
-from flexgen.model.elements import BacklashSpring, Friction
+from flexgen.model.elements import BacklashSpring, Friction, Output
 from flexgen.numerics.evaluate import evaluate
 from flexgen.position_servo.filters import LowPass, Notch
 
@@ -291,7 +291,7 @@ def test_words_of_a_package_for_ros() -> None:
         ("tool_position", "xz", "0, 2"),
         ("tool_pose", "xyz", "0, 1, 2, 3, 4, 5"),
     ):
-        assert ros2._wrench_rows(Made(output=Made(type=kind, axes=axes))) == rows  # type: ignore[arg-type]
+        assert ros2._wrench_rows(Made(output=Output(kind, axes=axes))) == rows  # type: ignore[arg-type]
     with pytest.raises(
         ArgumentError,
         match="given force for arm, whose output is none of the tool, expected no parts",

@@ -25,7 +25,16 @@ from flexgen.mechanics import statics
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.output_columns import columns_in, output_labels, output_units, unit_of
 from flexgen.model import format_robot, overlay, urdf
-from flexgen.model.elements import Beam, Bending, Body, Dof, Element, Placement, coordinates_of
+from flexgen.model.elements import (
+    Beam,
+    Bending,
+    Body,
+    Dof,
+    Element,
+    Output,
+    Placement,
+    coordinates_of,
+)
 from flexgen.runtime import files
 from flexgen.spec import keys, number_edit, tables, toml_lines
 
@@ -497,5 +506,7 @@ def test_units_of_an_output_are_those_of_its_coordinates_where_they_differ() -> 
         and unit_of(angles) == "rad"
         and columns_in(angles, "m") == []
     )
-    for kind, size, width in (("tool_pose", 6, 3), ("tool_position", 2, 2)):
-        assert output_units(Made(output=Made(type=kind, size=size))) == ("m",) * width  # type: ignore[arg-type]
+    for kind, axes, width in (("tool_pose", "xyz", 3), ("tool_position", "xz", 2)):
+        assert output_units(Made(output=Output(kind, axes))) == ("m",) * width  # type: ignore[arg-type]
+    turning = Output("tool_position_angle", "xz", rotation_axis=(0.0, 1.0, 0.0))
+    assert output_units(Made(output=turning)) == ("m", "m", "rad")  # type: ignore[arg-type]

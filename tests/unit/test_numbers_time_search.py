@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from flexgen.model.elements import Output
 from flexgen.performance import time_search
 from flexgen.performance.time_search import TimeSearch
 
@@ -84,10 +85,10 @@ def test_the_motion_of_the_tool_is_that_of_the_reference_where_the_output_has_it
     found = Made(n_pre=2, n_post=1, q_a="q", v_a="v", a_a="a")
     y = np.arange(24.0).reshape(2, 3, 4)
     for output, own in (
-        (Made(type="tool_pose", axes=""), True),
-        (Made(type="tool_position", axes="xyz"), True),
-        (Made(type="tool_position", axes="xz"), False),
-        (Made(type="joint", axes="xyz"), False),
+        (Output("tool_pose"), True),
+        (Output("tool_position"), True),
+        (Output("tool_position", "xz"), False),
+        (Output("combination", ""), False),
     ):
         made = search(model=Made(output=output), _reduction=Made(equations="equations"))
         motion = made._tool_motion(found, Made(y=y))
