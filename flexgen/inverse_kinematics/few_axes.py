@@ -1,4 +1,4 @@
-"""Joint configurations of arms whose output is the position of the tool and its angle about one axis.
+"""Joint configurations of arms whose output is the position of the tool and its angle.
 
 Newton's method in the actuated coordinates of the undeflected arm, from many starts spread over
 their ranges. A SCARA has two configurations, a palletizer up to four.
@@ -67,7 +67,7 @@ class FewAxes:
         return q
 
     def _errors(self, q_g: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Error (n, n_y) of the output, its angle within half a turn, and the Jacobian (n, n_y, n_g)."""
+        """Error (n, n_y), its angle within half a turn, and the Jacobian (n, n_y, n_g)."""
         n = len(q_g)
         error, J = evaluate(self._error, self._full(q_g), np.tile(target, (n, 1)))
         error = error.reshape(n, -1).copy()
@@ -84,7 +84,7 @@ class FewAxes:
         return np.append(position[list(output.tool_rows)], np.arctan2(u @ y, u @ x))
 
     def all_at(self, position: np.ndarray, R: np.ndarray) -> list[np.ndarray]:
-        """The configurations (n_g,) found; rotations within half a turn of the middle of their limits."""
+        """Configurations (n_g,); rotations within half a turn of the middle of their limits."""
         target, rng = self.target(position, R), np.random.default_rng(0)
         q = rng.uniform(self.low, self.high, (STARTS, len(self.i_g)))
         for _ in range(STEPS):
@@ -112,7 +112,7 @@ class FewAxes:
         return np.where(self.rotary, change - TURN * np.round(change / TURN), change)
 
     def error(self, q_g: np.ndarray, position: np.ndarray, R: np.ndarray) -> float:
-        """Of the whole pose: the larger of position [m] and rotation [rad], with what is no output."""
+        """Of the whole pose: the larger of position [m] and rotation [rad]."""
         p, own = evaluate(self.equations.function("forward_kinematics"), self._full(q_g[None]))
         off = float(np.abs(p.reshape(-1) - position).max())
         return max(off, float(turn_angle(own.reshape(1, 3, 3), R[None])[0]))

@@ -411,7 +411,7 @@ def test_steps_are_lines_and_arcs_from_where_the_tool_is() -> None:
         with pytest.raises(ArgumentError, match=f"step 5: .*{text}"):
             made._segment(step, 4, here, R, 1.0)
     with pytest.raises(
-        ArgumentError, match='expected no rotation, .*, or an output of type "tool_pose"'
+        ArgumentError, match=r'expected no rotation, .*, or an output of type "tool_pose"'
     ):
         planner(pose=False)._segment(
             MoveL((1.0, 0.0, 0.0), rotation=(0.0, 0.0, 1.0)), 0, here, R, 1.0
