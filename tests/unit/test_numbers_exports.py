@@ -291,7 +291,8 @@ def test_words_of_a_package_for_ros() -> None:
         ("tool_position", "xz", "0, 2"),
         ("tool_pose", "xyz", "0, 1, 2, 3, 4, 5"),
     ):
-        assert ros2._wrench_rows(Made(output=Output(kind, axes=axes))) == rows  # type: ignore[arg-type]
+        model: Any = Made(output=Output(kind, axes=axes))
+        assert ros2._wrench_rows(model) == rows
     with pytest.raises(
         ArgumentError,
         match="given force for arm, whose output is none of the tool, expected no parts",

@@ -507,6 +507,7 @@ def test_units_of_an_output_are_those_of_its_coordinates_where_they_differ() -> 
         and columns_in(angles, "m") == []
     )
     for kind, axes, width in (("tool_pose", "xyz", 3), ("tool_position", "xz", 2)):
-        assert output_units(Made(output=Output(kind, axes))) == ("m",) * width  # type: ignore[arg-type]
+        model: Any = Made(output=Output(kind, axes))
+        assert output_units(model) == ("m",) * width
     turning = Output("tool_position_angle", "xz", rotation_axis=(0.0, 1.0, 0.0))
     assert output_units(Made(output=turning)) == ("m", "m", "rad")  # type: ignore[arg-type]
