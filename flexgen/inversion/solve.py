@@ -541,7 +541,27 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
 
 
 def make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
-    """The solution of a problem from the result of a method, not verified yet; SolverError where it is not finite."""
+    """The solution of a problem from the result of a method, not verified yet; SolverError where it is not finite.
+
+    Where its samples do not resolve the steps of the friction at reversals, it gets more samples there.
+    """
+    solution = _sampled_solution(problem, method, result)
+    if (
+        solution.residual_relative <= RESIDUAL
+        or problem.limits is not None
+        or result.status == Status.BASELINE
+    ):
+        return solution
+    from flexgen.inversion.reversals import with_reversals
+
+    finer = with_reversals(problem.equations, result, problem.force)
+    if finer is None:
+        return solution
+    found = _sampled_solution(problem, method, finer)
+    return found if found.residual_relative < solution.residual_relative else solution
+
+
+def _sampled_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
     equations, path = problem.equations, problem.path
     trajectory = _trajectory(problem, method, result)
     rows = residual_rows(equations, trajectory)

@@ -74,6 +74,16 @@ def loaded_motors(model: Any) -> list[str]:
     ]
 
 
+def steepness(law: Friction) -> float:
+    """How fast a friction changes its sign with the speed [s/rad or s/m]: ``beta``, or ``alpha`` where it is larger.
+
+    0 for a law without such a part, and for laws of other packages without ``beta``.
+    """
+    if not (law.coulomb or law.stribeck or getattr(law, "load_coulomb", 0.0)):
+        return 0.0
+    return max(law.beta, law.alpha if law.stribeck else 0.0, getattr(law, "load_alpha", 0.0))
+
+
 def refuse_load(model: Any, what: str) -> None:
     """ArgumentError for a model with such a friction: ``what`` does not take it into account."""
     if names := loaded_motors(model):

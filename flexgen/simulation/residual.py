@@ -18,22 +18,36 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as in `simulate`,
     independent of the solvers. Columns: arm coordinates, then the motors behind elastic gears.
     """
-    t = motion.t
+    t, model = motion.t, equations.model
     middle, h = (t[:-1] + t[1:]) / 2, np.diff(t)[:, None]
     parts = (motion.q_a, motion.v_a, motion.a_a), (motion.q_m, motion.v_m, motion.a_m)
     between = [x for part in parts for x in _half_way(h, *part)]
+    more = {"force": motion.force}
+    if hysteretic_joints(model):
+        more["tau_h"] = _hysteresis(equations, motion)
+    if bristled_motors(model):
+        more["tau_b"] = _bristles(equations, motion)
+    more = {name: None if x is None else spline(t, x)(middle) for name, x in more.items()}
     tau = torque_curve(t, motion.tau_m, limited=limited)(middle)
+    return residual_at(equations, Motion(middle, *between, tau, **more))
+
+
+def residual_at(equations: Equations, motion: Motion) -> np.ndarray:
+    """Residual of each equation of motion at the samples of a motion, (n, dof) [N m or N].
+
+    Columns: arm coordinates, then the motors behind elastic gears.
+    """
+    between = [motion.q_a, motion.v_a, motion.a_a, motion.q_m, motion.v_m, motion.a_m]
+    tau = motion.tau_m
     if motion.force is not None:
-        r_a, r_m = evaluate(
-            equations.pushed.function("residual"), *between, tau, spline(t, motion.force)(middle)
-        )
+        r_a, r_m = evaluate(equations.pushed.function("residual"), *between, tau, motion.force)
     else:
         r_a, r_m = evaluate(equations.function("residual"), *between, tau)
-    n = len(middle)
+    n = len(motion.t)
     model = equations.model
     r_a, r_m = r_a.reshape(n, -1), r_m.reshape(n, -1)
-    if hysteretic_joints(model):
-        z = spline(t, _hysteresis(equations, motion))(middle)
+    z = motion.tau_h
+    if z is not None and hysteretic_joints(model):
         r_a[:, list(model.i_g)] -= z
         more = carried_along(model, between[3], z)
         r_m += more
@@ -46,8 +60,8 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
             r_m += friction_along(law, model, v_m, carried + more) - friction_along(
                 law, model, v_m, carried
             )
-    if bristled_motors(model):
-        braking = spline(t, _bristles(equations, motion))(middle)
+    braking = motion.tau_b
+    if braking is not None and bristled_motors(model):
         r_m += braking
         rigid = [j for j in range(model.n_m) if j not in model.i_m]
         r_a[:, list(model.i_g)] += braking[:, rigid] @ model.eta[rigid]
