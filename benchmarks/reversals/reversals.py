@@ -27,6 +27,7 @@ from claimed_error import claimed_error, claims_within  # noqa: E402
 import flexgen  # noqa: E402
 
 REFEREE = 60  # s: of the simulation that shares no code, of one move
+CONFIRMED = ("seam0", "circle1", "back2", "joints3")  # moves that it simulates
 
 
 def solve_arm(number: int, folder: str) -> list[dict[str, Any]]:
@@ -55,7 +56,8 @@ def solve_arm(number: int, folder: str) -> list[dict[str, Any]]:
                 "reversals": int((speeds[:-1] * speeds[1:] < 0).sum()),
                 "residual": solution.residual_relative,
                 "error": claimed_error(solution),
-                "false": claims_within(solution, REFEREE),
+                "confirmed": move.name in CONFIRMED,
+                "false": claims_within(solution, REFEREE) if move.name in CONFIRMED else None,
                 "attempts": solution.details.get("attempts", []),
             }
         )
@@ -66,7 +68,7 @@ def solve_arm(number: int, folder: str) -> list[dict[str, Any]]:
 def table(rows: list[dict[str, Any]]) -> str:
     """The page."""
     head = ["arm", "moves", "solved", "reversals", "processor time, median", "largest"]
-    head += ["largest stated error", "false statements", "not confirmed in time"]
+    head += ["largest stated error", "moves confirmed", "false statements"]
     lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
     for number in sorted({row["arm"] for row in rows}):
         of_arm = [row for row in rows if row["arm"] == number]
@@ -81,14 +83,14 @@ def table(rows: list[dict[str, Any]]) -> str:
             f"{np.median(times):.1f} s",
             f"{max(times):.1f} s",
             f"{max(errors, default=0.0):.1e}",
+            sum(row["false"] is not None for row in solved),
             sum(bool(row["false"]) for row in solved),
-            sum(row["false"] is None for row in solved),
         ]
         lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
     text = [
         "# Motors that reverse under steep friction",
         "",
-        f"Arms with six axes and elastic gears, of the template (even numbers) and of tables of Denavit and Hartenberg, "
+        "Arms with six axes and elastic gears, of the template (even numbers) and of tables of Denavit and Hartenberg, "
         "with a Coulomb friction of 2 to 10 % of the largest torque in each motor and `beta` from 1 to 50 s/rad; ten "
         "moves each: polylines, circles, lines there and back, joint moves. Written by "
         "[reversals.py](reversals.py); the errors are in m and rad, and a statement is false where a simulation that "

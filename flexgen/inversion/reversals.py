@@ -17,7 +17,7 @@ so that the samples, and the curve through them, contain the step at its instant
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -149,17 +149,17 @@ def _sampled_at(
     own = np.searchsorted(t, old)
     for name, samples in channels.items():
         at[name][own] = samples
-    memory = {name: at.get(name) for name in ("tau_h", "tau_b")}
-    names = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
+    memory: dict[str, Any] = {name: at.get(name) for name in ("tau_h", "tau_b")}
     pushed = None if force is None else force.at(t)
-    motion = Motion(t, *(at[name] for name in names), force=pushed, **memory)
+    arm = at["q_a"], at["v_a"], at["a_a"]
+    motion = Motion(t, *arm, at["q_m"], at["v_m"], at["a_m"], at["tau_m"], force=pushed, **memory)
     missing = _motor_residual(equations, motion)
     # what the method leaves at its own samples is not a step of the friction
     missing = missing - make_interp_spline(old, missing[own], k=1)(t)
     missing[own] = 0.0
     tau_m = at["tau_m"] + missing
     found = MotorMotion(at["q_m"], at["v_m"], at["a_m"], tau_m)
-    tau_g = gear_torques(equations, at["q_a"], at["v_a"], at["a_a"], found)
+    tau_g = gear_torques(equations, *arm, found)
     tau_g[own] = result.tau_g
     return replace(
         result,

@@ -2,8 +2,10 @@
 
 The explicit Runge-Kutta method of order 8 needs steps as short as the fastest decaying part, also where that part has
 decayed long ago: sharp friction of a light rotor makes it take millions of evaluations. Where it needs more than `RATE`
-evaluations for each second of motion and `EACH` for each instant, LSODA continues from the state that was reached; it
-changes by itself between Adams methods and backward differentiation formulas, whose steps follow the motion alone.
+evaluations for each second of motion and `EACH` for each instant, and the fastest mode decays, LSODA continues from the
+state that was reached; it changes by itself between Adams methods and backward differentiation formulas, whose steps
+follow the motion alone. Where the fastest mode oscillates, as with a very stiff gear without damping, it does not decay,
+and the explicit method stays.
 
 With a C compiler the explicit method and the right-hand side run in C, else in scipy and CasADi; the steps are the
 same.
@@ -24,12 +26,17 @@ from scipy.interpolate import PPoly
 
 from flexgen.deadline import check_time
 from flexgen.errors import SolverError
+from flexgen.model.elements import RobotModel
 from flexgen.simulation.compiled_rate import CompiledDop853, CompiledRate
+from flexgen.simulation.fastest_mode import Mode, fastest_mode, mode_text
 from flexgen.simulation.motor_feedback import MotorFeedback
 
 # a few minutes of the explicit method; a long motion may take LONG each second
 EVALUATIONS = 5_000_000
 LONG = 3e5
+# evaluations for each radian of the fastest mode where that oscillates: twenty times what the explicit method needs to
+# follow it; more where its errors of rounding are above the tolerance
+EACH_TURN = 400.0
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
 # for each instant, where the torque has another piece: not stiff below it (a step takes twelve)
 EACH = 60.0
@@ -38,6 +45,10 @@ RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves f
 EVALUATIONS_STIFF = 400_000  # about a minute of the implicit method
 # least part of the motion within this number of evaluations of the implicit method
 ADVANCE, PATIENCE = 1e-3, 100_000
+# 1/s: a mode that decays faster has a step below 1e-9 s in a motion of seconds, where rounding ends the implicit method
+FASTEST = 1e9
+# 1/s: the implicit method takes minutes for each second of a faster oscillation
+FASTEST_TURN = 1e4
 EXPLICIT, IMPLICIT = "DOP853", "LSODA"
 
 
@@ -47,7 +58,8 @@ class Rates:
 
     ``rate(t, x)`` and ``jacobian(t, x)``: (n,) and (n, n), the rows and columns of the observers zero in the latter.
     ``compiled``: the rate of the robot in C, a function of state and torque; None: there is no compiler. ``given``:
-    u(t). ``feedback``: motor feedback, whose integrals come last in the state; None: open loop.
+    u(t). ``feedback``: motor feedback, whose integrals come last in the state; None: open loop. ``model``: the robot,
+    for reasons that name its parts.
     """
 
     rate: Callable[[float, np.ndarray], np.ndarray]
@@ -55,6 +67,21 @@ class Rates:
     compiled: CompiledRate | None
     given: PPoly
     feedback: MotorFeedback | None = None
+    model: RobotModel | None = None
+
+    def fastest(self, t: float, x: np.ndarray) -> Mode | None:
+        """The fastest mode at a state; None without a model, and where the state is not finite."""
+        if self.model is None or not np.isfinite(x).all():
+            return None
+        A = self.jacobian(t, x)
+        return fastest_mode(self.model, A) if np.isfinite(A).all() else None
+
+    def why(self, t: float, x: np.ndarray) -> str:
+        """What makes the steps of an integrator short at a state."""
+        mode = self.fastest(t, x)
+        if mode is None or self.model is None:
+            return ""
+        return mode_text(self.model, mode)
 
 
 @dataclass(frozen=True)
@@ -98,6 +125,35 @@ class _Scipy:
         return k
 
 
+class _Later:
+    """The explicit method in C, whose first result is a later row."""
+
+    def __init__(self, solver: CompiledDop853, first: int) -> None:
+        self._solver, self._first = solver, first
+
+    @property
+    def t(self) -> float:
+        return self._solver.t
+
+    @property
+    def y(self) -> np.ndarray:
+        return self._solver.y
+
+    @property
+    def nfev(self) -> int:
+        return self._solver.nfev
+
+    @property
+    def failure(self) -> str:
+        return self._solver.failure
+
+    def advance(self, out: np.ndarray, k: int, most: int) -> int:
+        return self._solver.advance(out[self._first :], k - self._first, most) + self._first
+
+
+_Solver = CompiledDop853 | _Scipy | _Later
+
+
 def integrate(
     loop: Rates,
     start: np.ndarray,
@@ -128,38 +184,37 @@ def integrate(
     """
     out = np.empty((len(t), len(start)))
     out[0] = start
-    solver: CompiledDop853 | _Scipy = (
-        _Scipy(DOP853(loop.rate, t[0], start, t[-1], rtol=rtol, atol=atol), t)
-        if loop.compiled is None
-        else CompiledDop853(loop.compiled, loop.given, t, start, rtol, atol, loop.feedback)
-    )
+    solver = _explicit(loop, t, 1, start, (rtol, atol))
     before, method, k, reported = 0, EXPLICIT, 1, time.perf_counter()
     mark, fast = (float(t[0]), 0), max(RATE, EACH / float(np.diff(t).mean()) if len(t) > 1 else 0.0)
+    most = max(EVALUATIONS, LONG * (t[-1] - t[0]))
     while k < len(t):
         check_time(f"simulation at t = {solver.t:.6g} of {t[-1]:.6g} s")
         k = solver.advance(out, k, BLOCK)
         if solver.failure:
-            raise SolverError(
-                f"simulation: failed at t = {solver.t:.6g} s ({solver.failure}); check the torque, and the numbers of "
-                "the model with 'flexgen check' (flexgen.check)"
-            )
+            raise SolverError(_failure_text(loop, solver))
         evaluations = before + solver.nfev
         if method == EXPLICIT and k < len(t):
             if solver.nfev - mark[1] > fast * (solver.t - mark[0]):
-                before, method, mark = evaluations, IMPLICIT, (solver.t, 0)
-                tight = {"rtol": max(rtol, RTOL_STIFF), "atol": np.maximum(atol, ATOL_STIFF)}
-                solver = _Scipy(
-                    LSODA(loop.rate, solver.t, solver.y.copy(), t[-1], jac=loop.jacobian, **tight),
-                    t,
-                )
+                before, mark = evaluations, (solver.t, 0)
+                turns = _oscillation(loop, solver, fast)
+                tight = max(rtol, RTOL_STIFF), np.maximum(atol, ATOL_STIFF)
+                if turns:
+                    fast = turns
+                    most = max(most, before + fast * (t[-1] - solver.t))
+                    solver = _explicit(loop, np.r_[solver.t, t[k:]], k, solver.y.copy(), tight)
+                else:
+                    method, solver = IMPLICIT, _implicit(loop, solver, t, tight)
             else:
                 mark = (solver.t, solver.nfev)
         elif method == IMPLICIT:
-            mark = _check_advance(solver, mark, t)
-        if evaluations > max(EVALUATIONS, LONG * (t[-1] - t[0])):
+            mark = _check_advance(loop, solver, mark, t)
+        if evaluations > most:
+            why = loop.why(solver.t, solver.y)
             raise SolverError(
-                f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {evaluations} evaluations; "
-                "check the units of the trajectory, and the numbers of the model with 'flexgen check' (flexgen.check)"
+                f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {evaluations} evaluations"
+                f"{': ' * bool(why)}{why}; check the units of the trajectory, and the numbers of the model with "
+                "'flexgen check' (flexgen.check)"
             )
         if progress is not None and time.perf_counter() - reported > 1.0:
             reported = time.perf_counter()
@@ -169,8 +224,54 @@ def integrate(
     return Integration(out, before + solver.nfev, method)
 
 
+def _explicit(
+    loop: Rates, t: np.ndarray, k: int, start: np.ndarray, tolerances: tuple[float, np.ndarray]
+) -> _Solver:
+    """The explicit method from ``start`` at ``t[0]``; the other instants of ``t`` are the results from row k on."""
+    rtol, atol = tolerances
+    if loop.compiled is None:
+        given = np.r_[np.full(k, t[0]), t[1:]]
+        return _Scipy(DOP853(loop.rate, t[0], start, t[-1], rtol=rtol, atol=atol), given)
+    made = CompiledDop853(loop.compiled, loop.given, t, start, rtol, atol, loop.feedback)
+    return made if k == 1 else _Later(made, k - 1)
+
+
+def _implicit(
+    loop: Rates, solver: _Solver, t: np.ndarray, tolerances: tuple[float, np.ndarray]
+) -> _Scipy:
+    """The implicit method from the state that another one has reached."""
+    rtol, atol = tolerances
+    start = solver.y.copy()
+    made = LSODA(loop.rate, solver.t, start, t[-1], jac=loop.jacobian, rtol=rtol, atol=atol)
+    return _Scipy(made, t)
+
+
+def _oscillation(loop: Rates, solver: _Solver, fast: float) -> float:
+    """Evaluations a second [1/s] that the explicit method may need to follow the fastest mode; 0 where that decays.
+
+    ``fast``: those that it has needed. SolverError where it follows no fast mode, and none follows a faster decay.
+    """
+    mode = loop.fastest(solver.t, solver.y)
+    if mode is None:
+        return 0.0
+    most = max(EACH_TURN * abs(mode.value), 2.0 * RATE)
+    if mode.oscillates and fast < most:
+        return most
+    if abs(mode.value) > (FASTEST_TURN if mode.oscillates else FASTEST):
+        raise SolverError(f"simulation: {loop.why(solver.t, solver.y)}")
+    return 0.0
+
+
+def _failure_text(loop: Rates, solver: _Solver) -> str:
+    """Why an integration broke down, with the fastest mode where it is known."""
+    why = loop.why(solver.t, solver.y)
+    head = f"simulation: failed at t = {solver.t:.6g} s ({solver.failure})"
+    advice = "check the torque, and the numbers of the model with 'flexgen check' (flexgen.check)"
+    return f"{head}: {why}; {advice}" if why else f"{head}; {advice}"
+
+
 def _check_advance(
-    solver: CompiledDop853 | _Scipy, mark: tuple[float, int], t: np.ndarray
+    loop: Rates, solver: _Solver, mark: tuple[float, int], t: np.ndarray
 ) -> tuple[float, int]:
     """SolverError where the implicit method does not advance; else instant and evaluations of the last check."""
     if solver.nfev - mark[1] < PATIENCE and solver.nfev < EVALUATIONS_STIFF:
@@ -178,7 +279,6 @@ def _check_advance(
     if solver.nfev >= EVALUATIONS_STIFF or solver.t - mark[0] < ADVANCE * (t[-1] - t[0]):
         raise SolverError(
             f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations of the "
-            "implicit method: the equations of motion are stiff and their solution has steep layers; use a smaller "
-            "beta of the friction, a larger rotor inertia, or a torque without jumps"
+            f"implicit method: the equations of motion are stiff; {loop.why(solver.t, solver.y)}"
         )
     return solver.t, solver.nfev

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
@@ -22,14 +24,15 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     middle, h = (t[:-1] + t[1:]) / 2, np.diff(t)[:, None]
     parts = (motion.q_a, motion.v_a, motion.a_a), (motion.q_m, motion.v_m, motion.a_m)
     between = [x for part in parts for x in _half_way(h, *part)]
-    more = {"force": motion.force}
+    more: dict[str, Any] = {"force": motion.force}
     if hysteretic_joints(model):
         more["tau_h"] = _hysteresis(equations, motion)
     if bristled_motors(model):
         more["tau_b"] = _bristles(equations, motion)
     more = {name: None if x is None else spline(t, x)(middle) for name, x in more.items()}
     tau = torque_curve(t, motion.tau_m, limited=limited)(middle)
-    return residual_at(equations, Motion(middle, *between, tau, **more))
+    q_a, v_a, a_a, q_m, v_m, a_m = between
+    return residual_at(equations, Motion(middle, q_a, v_a, a_a, q_m, v_m, a_m, tau, **more))
 
 
 def residual_at(equations: Equations, motion: Motion) -> np.ndarray:

@@ -153,7 +153,7 @@ def rates_of(
             out[own:, : 2 * n] = in_w
         return out
 
-    return Rates(rate, jacobian, in_c, given, feedback)
+    return Rates(rate, jacobian, in_c, given, feedback, robot)
 
 
 _Known = WeakKeyDictionary[Equations, tuple[ca.Function, CompiledRate | None]]

@@ -46,7 +46,14 @@ TABLES = (
         (0.0, 0, 0.08),
     ),
 )
-ZEROS = (0, -90, 0, 0, 0, 180)  # deg: joint angles of the tables at which the robots' angles are zero
+ZEROS = (
+    0,
+    -90,
+    0,
+    0,
+    0,
+    180,
+)  # deg: joint angles of the tables at which the robots' angles are zero
 PAYLOADS = (40.0, 7.0)  # kg
 # of the first one: masses [kg], stiffnesses [N m/rad], ratios, rotors [kg m^2], torques [N m]
 MASSES = (150, 75, 70, 35, 12, 2)
@@ -142,7 +149,9 @@ def moves_of(equations: flexgen.Equations, number: int) -> list[Move]:
     for _ in range(TRIES):
         if len(out) == MOVES:
             return out
-        move = _draw(equations.model, rng, ("seam", "circle", "back", "joints", "line")[len(out) % 5])
+        move = _draw(
+            equations.model, rng, ("seam", "circle", "back", "joints", "line")[len(out) % 5]
+        )
         move = replace(move, name=f"{move.name}{len(out)}")
         try:
             found = list(joints_along(Path(equations, move), speeds=True))
