@@ -52,10 +52,10 @@ def with_reversals(
 ) -> MethodResult | None:
     """The result with samples around the reversals of motors whose friction is steep; None where it needs none."""
     slopes = _slopes(equations.model)
-    t = _refined_instants(result, slopes)
+    t = _refine_instants(result, slopes)
     if t is None:
         return None
-    return _sampled_at(equations, result, t, force)
+    return _sample_at(equations, result, t, force)
 
 
 def _slopes(model: RobotModel) -> np.ndarray:
@@ -80,7 +80,7 @@ def _row(model: RobotModel, at: int, friction: Friction) -> np.ndarray:
     return row
 
 
-def _refined_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | None:
+def _refine_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | None:
     """All instants with those around the reversals; None where there are none to add."""
     if not len(slopes):
         return None
@@ -113,10 +113,10 @@ def _refined_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | 
             np.concatenate([left[split], middle[split]]),
             np.concatenate([middle[split], right[split]]),
         )
-    return _graded(np.union1d(t, added)) if len(added) else None
+    return _grade(np.union1d(t, added)) if len(added) else None
 
 
-def _graded(t: np.ndarray) -> np.ndarray:
+def _grade(t: np.ndarray) -> np.ndarray:
     """Instants whose neighboring intervals differ by at most a factor of two, by halving the longer ones."""
     while True:
         h = np.diff(t)
@@ -127,7 +127,7 @@ def _graded(t: np.ndarray) -> np.ndarray:
         t = np.union1d(t, (t[:-1] + t[1:])[long] / 2)
 
 
-def _sampled_at(
+def _sample_at(
     equations: Equations, result: MethodResult, t: np.ndarray, force: ProcessForce | None
 ) -> MethodResult:
     """The result at more instants, the torques such that the equations of the motors hold there."""

@@ -545,7 +545,7 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
 
     Where its samples do not resolve the steps of the friction at reversals, it gets more samples there.
     """
-    solution = _sampled_solution(problem, method, result)
+    solution = _make_solution(problem, method, result)
     if (
         solution.residual_relative <= RESIDUAL
         or problem.limits is not None
@@ -557,11 +557,11 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
     finer = with_reversals(problem.equations, result, problem.force)
     if finer is None:
         return solution
-    found = _sampled_solution(problem, method, finer)
+    found = _make_solution(problem, method, finer)
     return found if found.residual_relative < solution.residual_relative else solution
 
 
-def _sampled_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
+def _make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
     equations, path = problem.equations, problem.path
     trajectory = _trajectory(problem, method, result)
     rows = residual_rows(equations, trajectory)

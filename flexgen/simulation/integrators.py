@@ -19,6 +19,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.integrate import DOP853, LSODA, OdeSolver
@@ -26,10 +27,12 @@ from scipy.interpolate import PPoly
 
 from flexgen.deadline import check_time
 from flexgen.errors import SolverError
-from flexgen.model.elements import RobotModel
 from flexgen.simulation.compiled_rate import CompiledDop853, CompiledRate
-from flexgen.simulation.fastest_mode import Mode, fastest_mode, mode_text
 from flexgen.simulation.motor_feedback import MotorFeedback
+
+if TYPE_CHECKING:
+    from flexgen.model.elements import RobotModel
+    from flexgen.simulation.fastest_mode import Mode
 
 # a few minutes of the explicit method; a long motion may take LONG each second
 EVALUATIONS = 5_000_000
@@ -71,6 +74,8 @@ class Rates:
 
     def fastest(self, t: float, x: np.ndarray) -> Mode | None:
         """The fastest mode at a state; None without a model, and where the state is not finite."""
+        from flexgen.simulation.fastest_mode import fastest_mode
+
         if self.model is None or not np.isfinite(x).all():
             return None
         A = self.jacobian(t, x)
@@ -78,6 +83,8 @@ class Rates:
 
     def why(self, t: float, x: np.ndarray) -> str:
         """What makes the steps of an integrator short at a state."""
+        from flexgen.simulation.fastest_mode import mode_text
+
         mode = self.fastest(t, x)
         if mode is None or self.model is None:
             return ""
@@ -208,7 +215,8 @@ def integrate(
             else:
                 mark = (solver.t, solver.nfev)
         elif method == IMPLICIT:
-            mark = _check_advance(loop, solver, mark, t)
+            reached = solver
+            mark = _check_advance(solver, mark, t, lambda: loop.why(reached.t, reached.y))
         if evaluations > most:
             why = loop.why(solver.t, solver.y)
             raise SolverError(
@@ -271,14 +279,16 @@ def _failure_text(loop: Rates, solver: _Solver) -> str:
 
 
 def _check_advance(
-    loop: Rates, solver: _Solver, mark: tuple[float, int], t: np.ndarray
+    solver: _Solver, mark: tuple[float, int], t: np.ndarray, why: Callable[[], str] = str
 ) -> tuple[float, int]:
     """SolverError where the implicit method does not advance; else instant and evaluations of the last check."""
     if solver.nfev - mark[1] < PATIENCE and solver.nfev < EVALUATIONS_STIFF:
         return mark
     if solver.nfev >= EVALUATIONS_STIFF or solver.t - mark[0] < ADVANCE * (t[-1] - t[0]):
+        cause = why()
         raise SolverError(
             f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations of the "
-            f"implicit method: the equations of motion are stiff; {loop.why(solver.t, solver.y)}"
+            "implicit method: the equations of motion are stiff and their solution has steep layers"
+            f"{': ' * bool(cause)}{cause}"
         )
     return solver.t, solver.nfev
