@@ -50,9 +50,10 @@ def with_friction(model: RobotModel, kind: str) -> RobotModel:
         return model
 
     def less(friction: Friction) -> Friction:
-        return Friction(
-            friction.viscous_at(model.temperature), friction.coulomb if kind == "dry" else 0.0
-        )
+        viscous = friction.viscous_at(model.temperature)
+        if kind != "dry" or not friction.coulomb:
+            return Friction(viscous)
+        return Friction(viscous, friction.coulomb, beta=friction.beta)
 
     elements = tuple(
         replace(e, dofs=tuple(replace(dof, friction=less(dof.friction)) for dof in e.dofs))

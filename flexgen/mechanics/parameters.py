@@ -121,7 +121,27 @@ def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
                 known - {parameter.name for parameter, groups in every if len(groups) == 1}
             )
             raise ArgumentError(f"parameters: given {name!r}, expected some of {', '.join(listed)}")
-    return tuple(parameter for parameter, groups in every if any(name in groups for name in names))
+    chosen = tuple(
+        parameter for parameter, groups in every if any(name in groups for name in names)
+    )
+    _check_needed(model, {parameter.name for parameter in chosen})
+    return chosen
+
+
+def _check_needed(model: RobotModel, chosen: set[str]) -> None:
+    """ArgumentError for a number of a friction that has no effect, as ``coulomb`` where ``beta`` is 0."""
+    parts = [(motor.name, motor.friction) for motor in model.motors]
+    parts += [(c.name, c.dof.friction) for c in model.coordinates if c.dof is not None]
+    for part, friction in parts:
+        for key in fields(friction):
+            if f"{part}.{key.name}" not in chosen:
+                continue
+            for needed in key.metadata["needs"].split():
+                if getattr(friction, needed) == 0.0 and f"{part}.{needed}" not in chosen:
+                    raise ArgumentError(
+                        f"parameters: given {part}.{key.name} of a friction with {needed} = 0, expected {needed} > 0 in "
+                        f"the model, or {part}.{needed} among the parameters: without it {key.name} has no effect"
+                    )
 
 
 def _with_groups(model: RobotModel) -> list[tuple[Parameter, tuple[str, ...]]]:

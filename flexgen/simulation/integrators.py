@@ -215,8 +215,7 @@ def integrate(
             else:
                 mark = (solver.t, solver.nfev)
         elif method == IMPLICIT:
-            reached = solver
-            mark = _check_advance(solver, mark, t, lambda: loop.why(reached.t, reached.y))
+            mark = _check_advance(solver, mark, t, loop.why)
         if evaluations > most:
             why = loop.why(solver.t, solver.y)
             raise SolverError(
@@ -279,13 +278,13 @@ def _failure_text(loop: Rates, solver: _Solver) -> str:
 
 
 def _check_advance(
-    solver: _Solver, mark: tuple[float, int], t: np.ndarray, why: Callable[[], str] = str
+    solver: _Solver, mark: tuple[float, int], t: np.ndarray, why: Callable[..., str] | None = None
 ) -> tuple[float, int]:
     """SolverError where the implicit method does not advance; else instant and evaluations of the last check."""
     if solver.nfev - mark[1] < PATIENCE and solver.nfev < EVALUATIONS_STIFF:
         return mark
     if solver.nfev >= EVALUATIONS_STIFF or solver.t - mark[0] < ADVANCE * (t[-1] - t[0]):
-        cause = why()
+        cause = "" if why is None else why(solver.t, solver.y)
         raise SolverError(
             f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations of the "
             "implicit method: the equations of motion are stiff and their solution has steep layers"

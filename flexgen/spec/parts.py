@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
+
+from flexgen.errors import ArgumentError
+from flexgen.spec.arguments import is_number
 
 # whose standard deviations are relative
 KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia", "lost_motion")
@@ -105,9 +108,26 @@ class Friction:
     beta: float = friction_key("s/rad", "steepness of the Coulomb friction at zero speed")
     offset: float = friction_key("N m", "constant torque against positive motion", signed=True)
 
+    def __post_init__(self) -> None:
+        """ArgumentError for a number that has no effect without another one, as ``coulomb`` without ``beta``."""
+        for key in fields(self):
+            for needed in key.metadata.get("needs", "").split():
+                if _is_zero(getattr(self, needed)) and not _is_zero(
+                    value := getattr(self, key.name)
+                ):
+                    raise ArgumentError(
+                        f"friction: given {key.name} = {value} with {needed} = 0, expected {needed} > 0 together with "
+                        f"{key.name}: without it the friction has no effect"
+                    )
+
     def viscous_at(self, temperature: float) -> float:
         """Viscous friction [N m s/rad] at a temperature [deg C]."""
         return self.viscous
+
+
+def _is_zero(x: Any) -> bool:
+    """Whether a number is zero; symbols in its place are not."""
+    return is_number(x) and float(x) == 0.0
 
 
 @dataclass(frozen=True)

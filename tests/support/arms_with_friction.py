@@ -24,6 +24,7 @@ ARMS = 30
 MOVES = 10
 STEEPNESS = (1.0, 50.0)  # s/rad: of the frictions, drawn evenly by their logarithm
 FASTEST = 2.0  # rad/s: of a joint; faster ones pass close to singular poses
+SHARPEST = 25.0  # m/s^2: of the tool; a narrow corner at speed needs a thousand times the motors
 TRIES = 400  # moves that are drawn, at most
 SHARE = (0.02, 0.1)  # of the largest motor torque: Coulomb friction
 
@@ -154,11 +155,14 @@ def moves_of(equations: flexgen.Equations, number: int) -> list[Move]:
         )
         move = replace(move, name=f"{move.name}{len(out)}")
         try:
-            found = list(joints_along(Path(equations, move), speeds=True))
+            path = Path(equations, move)
+            found = list(joints_along(path, speeds=True))
         except FlexgenError:
             continue
         speed = max(float(np.abs(v).max()) for _, v in found)
-        if speed < FASTEST:
+        along = path.sample_orders(np.linspace(0.0, path.duration, 2001), 3)
+        acceleration = float(np.abs(along.derivative(2)[:, :3]).max())
+        if speed < FASTEST and acceleration < SHARPEST:
             out.append(move)
     raise AssertionError(f"arm {number}: no ten moves that it can follow")
 

@@ -108,7 +108,7 @@ def test_arguments_of_a_card_are_released_and_parameters_are_those_of_the_model(
 
 # --- friction and hysteresis ------------------------------------------------------------------------------------------
 def test_frictions_say_what_they_lack() -> None:
-    w, law = ca.SX.sym("w"), GearFriction(coulomb=0.1, load_coulomb=0.5, load_smoothing=0.3)
+    w, law = ca.SX.sym("w"), GearFriction(coulomb=0.1, beta=2.0, load_coulomb=0.5, load_smoothing=0.3)
     for load, temperature, missing in (
         (ca.SX(1.0), None, "the temperature"),
         (None, 20.0, "the torque of the gear"),
@@ -120,7 +120,7 @@ def test_frictions_say_what_they_lack() -> None:
             str(refused.value)
             == f'friction: given type = "gear" without {missing}, on which it depends'
         )
-    friction_torque(GearFriction(coulomb=0.1), w, None, 20.0)  # not loaded
+    friction_torque(GearFriction(coulomb=0.1, beta=2.0), w, None, 20.0)  # not loaded
     other: Any = 3.0
     with pytest.raises(ArgumentError) as refused:
         friction_torque(other, w, None, 20.0)

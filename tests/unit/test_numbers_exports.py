@@ -80,7 +80,9 @@ def test_a_model_for_mujoco_has_the_frictions_that_are_asked_for() -> None:
     assert mujoco_checks.with_friction(model, "exact") is model
     for kind, coulomb in (("viscous", 0.0), ("dry", 2.0)):
         found = mujoco_checks.with_friction(model, kind)
-        assert found.motors[0].friction == Friction(0.3, coulomb) and found.elements[1].dofs[
+        # beta, without which the law has no Coulomb friction
+        law = Friction(0.3, coulomb, beta=9.0) if coulomb else Friction(0.3)
+        assert found.motors[0].friction == law and found.elements[1].dofs[
             0
         ].friction == Friction(4.0)
         mujoco_checks.check_laws(found, kind == "dry")

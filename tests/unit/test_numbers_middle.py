@@ -516,4 +516,4 @@ def test_only_viscous_friction_is_linear() -> None:
         and is_linear(Friction())
         and is_linear(Friction(0.5, offset=2.0))
     )
-    assert not is_linear(Friction(viscous=0.5, coulomb=0.1))
+    assert not is_linear(Friction(viscous=0.5, coulomb=0.1, beta=2.0))
