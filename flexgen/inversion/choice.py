@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_table import Method, find_method, methods
 from flexgen.inversion.problem import InversionProblem
@@ -16,6 +18,10 @@ from flexgen.model.friction import (
     refuse_hysteresis,
 )
 
+# methods that search for minutes (IPOPT)
+SEARCHES = ("collocation", "full")
+# Times the accuracy: a smaller error of a method that is exact on fine meshes is no reason to search for minutes.
+NEARLY = 100.0
 # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 FULL_LARGEST = 8
 
@@ -66,6 +72,19 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
         hysteretic_joints(robot) or bristled_motors(robot) or has_harmonics(robot)
     )
     return tuple(method for method in able if known or method.takes_force)
+
+
+def is_worth_a_search(problem: InversionProblem, method: Method, error: float) -> bool:
+    """Whether "auto" tries a method after another one has found a motion with the verified ``error``, infinite: none.
+
+    A search cannot gain where the motion is exact at its samples, as without non-actuated coordinates, where the torque
+    has kinks that no mesh resolves, or where the error is near the accuracy already.
+    """
+    if method.name not in SEARCHES or not np.isfinite(error):
+        return True
+    if problem.equations.model.n_e == 0 and problem.limits is None:
+        return False
+    return problem.smoothness.sufficient and error > NEARLY * problem.accuracy
 
 
 def check_applies(

@@ -46,6 +46,9 @@ def _inaccuracy(solution: Solution, accuracy: float) -> str:
     if undamped := [text for text in solution.warnings if UNDAMPED in text]:
         return f"{solution.status}: {undamped[0]}"
     simulation = solution.simulation
+    cause = solution.details.get("cause")
+    if cause:
+        return f"{solution.status}: {cause}"
     if simulation is not None and simulation.energy_error > ENERGY:
         return (
             f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "

@@ -30,8 +30,9 @@ from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import Friction, steepness
 from flexgen.numerics.evaluate import evaluate
-from flexgen.simulation.growth import Motion
-from flexgen.simulation.residual import residual_at
+from flexgen.simulation.growth import Motion, motion_in
+from flexgen.simulation.residual import midpoint_residual, residual_at
+from flexgen.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from flexgen.paths.process_force import ProcessForce
@@ -56,6 +57,44 @@ def with_reversals(
     if t is None:
         return None
     return _sample_at(equations, result, t, force)
+
+
+def unresolved_friction(equations: Equations, trajectory: Trajectory) -> str:
+    """The friction that changes its sign where the residual of a trajectory is largest, as a reason; empty: none.
+
+    Steep friction of a joint behind an elastic gear: its torque steps there, and the motor would have to follow within
+    the time of the step.
+    """
+    model = equations.model
+    limited = trajectory.meta.get("torque") == "limited"
+    rows = np.abs(midpoint_residual(equations, motion_in(trajectory), limited))
+    k = int(np.argmax((rows / np.maximum(rows.max(axis=0), 1e-300)).max(axis=1) * rows.max(axis=1)))
+    t, near = trajectory.time, slice(max(k - 1, 0), k + 3)
+    parts = [
+        (f"motor {m.name}", m.friction, trajectory["v_m"][near, j], trajectory["a_m"][near, j])
+        for j, m in enumerate(model.motors)
+    ]
+    parts += [
+        (
+            f"coordinate {c.name}",
+            c.dof.friction,
+            trajectory["v_a"][near, i],
+            trajectory["a_a"][near, i],
+        )
+        for i, c in enumerate(model.coordinates)
+        if c.dof is not None
+    ]
+    for name, friction, v, a in parts:
+        beta = steepness(friction)
+        if not beta or v.min() * v.max() > 0 or beta * np.ptp(v) < TURN:
+            continue
+        width = 2.0 / (beta * max(float(np.abs(a).max()), 1e-300))
+        return (
+            f"the friction of {name} (beta = {friction.beta:.4g}) changes its sign within {width:.1e} s at "
+            f"t = {t[k]:.4g} s, which no mesh resolves: use a smaller beta, at most about "
+            f"{1.0 / max(float(np.ptp(v)), 1e-300):.2g} here, or a path without this reversal"
+        )
+    return ""
 
 
 def _slopes(model: RobotModel) -> np.ndarray:

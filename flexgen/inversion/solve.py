@@ -12,7 +12,12 @@ import numpy as np
 
 from flexgen.deadline import check_time, running
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.choice import check_applies, default_method, further_methods
+from flexgen.inversion.choice import (
+    check_applies,
+    default_method,
+    further_methods,
+    is_worth_a_search,
+)
 from flexgen.inversion.hold import CommandName, Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
@@ -257,6 +262,9 @@ def _automatic_solution(
             if time.perf_counter() - began > FURTHER:
                 outcomes.append(f"{candidate.name}: not started, {FURTHER:g} s are over")
                 continue
+            if not is_worth_a_search(problem, candidate, reached.error):
+                outcomes.append(f"{candidate.name}: not started, a search cannot gain enough")
+                continue
             problem.log(f"trying method {candidate.name}; before: {outcomes[-1]}")
         count = len(failures)
         try:
@@ -408,7 +416,7 @@ def _refine(  # noqa: C901
         exact = (
             simulation.feedback is None
             or residual_is_small(solution)
-            or checked.defect <= problem.accuracy
+            or min(checked.defect, checked.alone) <= problem.accuracy
         )
         accepted, hidden = hidden and exact, hidden and not exact
         rough = _estimate_ripple(solution) if accepted else worst
@@ -416,12 +424,14 @@ def _refine(  # noqa: C901
             return _with_ripple(solution)
         if best is not None and not least[0] and rough > HELPS * least[1]:
             break
-        refusal = _refusal(problem, worst, simulation.energy_error)
+        cause = "" if accepted else _friction_cause(problem, solution)
+        refusal = _refusal(problem, worst, simulation.energy_error, cause)
         if best is None or (not accepted, rough) < least:  # on a finer mesh rounding may be larger
             missed = replace(
                 solution,
                 status=Status.TOLERANCE_NOT_MET,
-                details={**solution.details, "missed": refusal},
+                details={**solution.details, "missed": refusal}
+                | ({"cause": cause} if cause else {}),
             )
             best, least = _with_ripple(solution) if accepted else missed, (not accepted, rough)
         if accepted:
@@ -432,13 +442,26 @@ def _refine(  # noqa: C901
     return best
 
 
-def _refusal(problem: InversionProblem, worst: float, energy_error: float) -> str:
+def _friction_cause(problem: InversionProblem, solution: Solution) -> str:
+    """The friction that no mesh resolves, where that is why the equations do not hold between the samples."""
+    if residual_is_small(solution):
+        return ""
+    from flexgen.inversion.reversals import unresolved_friction
+
+    return unresolved_friction(problem.equations, solution.trajectory)
+
+
+def _refusal(problem: InversionProblem, worst: float, energy_error: float, cause: str = "") -> str:
     """Why a verified solution is not accepted."""
-    if worst <= problem.accuracy and energy_error <= ENERGY:
-        return "the equations of motion do not hold between the samples, and the feedback hides how far the tool is off"
-    if worst <= problem.accuracy:
+    if worst <= problem.accuracy and energy_error > ENERGY:
         return f"the energy balance of the simulation is off by {energy_error:.1e}, allowed are {ENERGY:.0e}"
-    return f"verified error {worst:.2e} is above {problem.accuracy:.0e} [rad, and m for each meter of reach]"
+    more = f"; {cause}" if cause else ""
+    if worst <= problem.accuracy:
+        return (
+            "the equations of motion do not hold between the samples, and the feedback hides how far the tool is off"
+            f"{more}"
+        )
+    return f"verified error {worst:.2e} is above {problem.accuracy:.0e} [rad, and m for each meter of reach]{more}"
 
 
 def _estimate_ripple(solution: Solution) -> float:

@@ -33,6 +33,8 @@ class Verification:
         Largest error, from the planned output where limits are active.
     defect : float [the same]
         What the residuals between the samples do to the output without feedback; infinite where it is not known.
+    alone: float [the same]
+        Error of the simulation without feedback; infinite where there is none, or none that can be determined.
     """
 
     simulation: Simulation
@@ -40,6 +42,7 @@ class Verification:
     path_distance_m: float | None
     worst: float
     defect: float = np.inf
+    alone: float = np.inf
 
 
 def verify_by_simulation(
@@ -61,11 +64,19 @@ def verify_by_simulation(
         distance = path_distance(problem.equations, solution, simulation)
     size = min(1.0, reach(problem.equations))
     in_m, in_rad = plan or (simulation.tool_error_max_m, simulation.tool_error_max_rad)
-    worst, defect = max((in_m or 0.0) / size, in_rad or 0.0), np.inf
-    in_m, in_rad = simulation.defect_max_m, simulation.defect_max_rad
-    if in_m is not None or in_rad is not None:
-        defect = max((in_m or 0.0) / size, in_rad or 0.0)
-    return Verification(simulation, plan, distance, worst, defect)
+    worst = max((in_m or 0.0) / size, in_rad or 0.0)
+    defect = _size((simulation.defect_max_m, simulation.defect_max_rad), size)
+    run = simulation.open_loop
+    alone = np.inf if run is None else _size((run.tool_error_max_m, run.tool_error_max_rad), size)
+    return Verification(simulation, plan, distance, worst, defect, alone)
+
+
+def _size(errors: tuple[float | None, float | None], reach: float) -> float:
+    """The larger of a distance [m], for each meter of reach, and an angle [rad]; infinite where neither is known."""
+    in_m, in_rad = errors
+    if in_m is None and in_rad is None:
+        return np.inf
+    return max((in_m or 0.0) / reach, in_rad or 0.0)
 
 
 def with_simulation(solution: Solution, checked: Verification) -> Solution:

@@ -51,6 +51,13 @@ class Motion:
     tau_b: np.ndarray | None = None
 
 
+def motion_in(trajectory: Trajectory) -> Motion:
+    """The motion of a solution, whose columns are in the order of its model."""
+    names = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m", "force", "tau_h", "tau_b")
+    channels = trajectory.channels
+    return Motion(trajectory.time, **{name: channels[name] for name in names if name in channels})
+
+
 def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
     """The motion of a trajectory; None without speeds or accelerations."""
     names = {

@@ -108,7 +108,10 @@ def test_arguments_of_a_card_are_released_and_parameters_are_those_of_the_model(
 
 # --- friction and hysteresis ------------------------------------------------------------------------------------------
 def test_frictions_say_what_they_lack() -> None:
-    w, law = ca.SX.sym("w"), GearFriction(coulomb=0.1, beta=2.0, load_coulomb=0.5, load_smoothing=0.3)
+    w, law = (
+        ca.SX.sym("w"),
+        GearFriction(coulomb=0.1, beta=2.0, load_coulomb=0.5, load_smoothing=0.3),
+    )
     for load, temperature, missing in (
         (ca.SX(1.0), None, "the temperature"),
         (None, 20.0, "the torque of the gear"),

@@ -82,9 +82,9 @@ def test_a_model_for_mujoco_has_the_frictions_that_are_asked_for() -> None:
         found = mujoco_checks.with_friction(model, kind)
         # beta, without which the law has no Coulomb friction
         law = Friction(0.3, coulomb, beta=9.0) if coulomb else Friction(0.3)
-        assert found.motors[0].friction == law and found.elements[1].dofs[
-            0
-        ].friction == Friction(4.0)
+        assert found.motors[0].friction == law and found.elements[1].dofs[0].friction == Friction(
+            4.0
+        )
         mujoco_checks.check_laws(found, kind == "dry")
     with pytest.raises(ArgumentError) as caught:
         mujoco_checks.with_friction(model, "none")
