@@ -9,10 +9,13 @@ import numpy as np
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import steepness
 from flexgen.model.moves import Move
-from flexgen.paths.path import Path, joints_along
+from flexgen.paths.path import CHECKED, FEWEST, Path, joints_along
 from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, make_finding
-from flexgen.plausibility.numbers import MOVE_SPEED, MOVE_SPEED_TRANSLATION
+from flexgen.plausibility.numbers import MOVE_SPEED, MOVE_SPEED_TRANSLATION, REVERSAL
+
+SAMPLE = 1e-3  # s: usual sample time of drives and controllers
 
 # Advice for an output that no torques can make follow a path.
 FEWER = (
@@ -35,6 +38,7 @@ def moves(equations: Equations) -> Iterator[Finding]:
             99.0,
         )
         return
+    changes = np.zeros(robot.n_m)
     for move in (*robot.moves, *robot.programs):
         key = f"{'program' if move in robot.programs else 'move'}.{move.name}"
         try:
@@ -58,15 +62,51 @@ def moves(equations: Equations) -> Iterator[Finding]:
             continue
         yield _range(robot, key, found[0])
         yield from _speeds(robot, key, found[1])
+        changes = np.maximum(changes, found[2])
+    yield from _reversals(robot, changes)
 
 
-def _joints(equations: Equations, move: Move) -> tuple[np.ndarray, np.ndarray] | None:
-    """Actuated coordinates and their speeds (n, n_g) along a move; None where the output does not determine them."""
-    found = list(joints_along(Path(equations, move), speeds=True))
+def _joints(equations: Equations, move: Move) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Actuated coordinates and their speeds (n, n_g) along a move, and `_changes`.
+
+    None where the output does not determine them.
+    """
+    path = Path(equations, move)
+    found = list(joints_along(path, speeds=True))
     if not found:
         return None
     q_g, v_g = (np.concatenate(values) for values in zip(*found, strict=True))
-    return q_g, v_g
+    return q_g, v_g, _changes(path, [v @ equations.model.eta.T for _, v in found])
+
+
+def _changes(path: Path, speeds: list[np.ndarray]) -> np.ndarray:
+    """Largest change of each motor's speed in a sample of 1 ms in which it reverses, (n_m,) [rad/s]."""
+    count = CHECKED if len(path.segments) == 1 else max(FEWEST, CHECKED // len(path.segments))
+    times = [segment.instants(count) for segment in path.segments]
+    largest = np.zeros(speeds[0].shape[1])
+    if [len(t) for t in times] != [len(v) for v in speeds]:
+        # motions that the output does not determine are left out
+        return largest
+    for t, v in zip(times, speeds, strict=True):
+        rates = np.abs(np.diff(v, axis=0)) / np.diff(t)[:, None]
+        turning = np.where(v[:-1] * v[1:] < 0.0, rates, 0.0).max(axis=0, initial=0.0)
+        largest = np.maximum(largest, SAMPLE * turning)
+    return largest
+
+
+def _reversals(robot: RobotModel, changes: np.ndarray) -> Iterator[Finding]:
+    """Whether the friction of each motor changes its sign within a sample, at the reversals of all moves."""
+    for motor, change in zip(robot.motors, changes, strict=True):
+        beta = steepness(motor.friction)
+        if not beta or not change:
+            continue
+        advice = (
+            f"beta at most {REVERSAL.high / change:.2g} s/rad for samples of 1 ms along these moves (1/beta is the speed "
+            "at which the friction is 76 % developed); or a controller that samples faster"
+        )
+        text = "beta times the change of the motor speed in 1 ms at a reversal of the moves"
+        key = f"motor.{motor.name}.friction.beta"
+        yield make_finding(key, text, beta * float(change), "", REVERSAL, advice)
 
 
 def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:

@@ -16,6 +16,7 @@ import numpy as np
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import Body, Coordinate, Motor, RobotModel, Spring
+from flexgen.model.friction import steepness
 from flexgen.plausibility.finding import OK, UNUSUAL, Finding, Usual, make_finding
 
 RATIO = Usual(0.9, 500.0, 1e-2, 1e4)  # of a rotation
@@ -31,6 +32,11 @@ JOINT_SPEED = Usual(0.05, 20.0, 1e-3, 1e3)  # rad/s
 JOINT_SPEED_TRANSLATION = Usual(0.01, 10.0, 1e-4, 100.0)  # m/s
 MOVE_SPEED = Usual(0.0, 50.0, 0.0, 1e3)  # rad/s
 MOVE_SPEED_TRANSLATION = Usual(0.0, 10.0, 0.0, 100.0)  # m/s
+# 1/s: how fast the friction of a motor at rest slows it down, beta coulomb / inertia; a simulation follows no faster
+# one than the largest
+HOLD = Usual(0.0, 1e6, 0.0, 1e9)
+# beta times the change of the motor speed in a sample of 1 ms at a reversal: above 5 the friction jumps between samples
+REVERSAL = Usual(0.0, 5.0)
 TORQUE = Usual(1.0, math.inf)  # of the largest motor torque to that of gravity at home
 DENSITY = Usual(1.0, math.inf, 0.1)  # inertia to that of a steel ball of the same mass
 SIZE = Usual(0.0, 1.0, 0.0, 1e3)  # inertia to mass times the square of the length of the chain
@@ -58,6 +64,7 @@ def drives(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Find
             i = next(i for i in robot.i_g if robot.coordinates[i].name == name)
             yield from _ratio_findings(motor, robot.coordinates[i], ratio, M[i, i])
         yield from _speeds(robot, motor)
+        yield from _friction(motor)
         load = abs(float(rest.tau_m[j]))
         if motor.torque_max and load > 1e-9 * motor.torque_max:
             text = "torque of the motor to that of gravity at home"
@@ -98,6 +105,18 @@ def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -
             ROTOR_TO_ARM,
             advice,
         )
+
+
+def _friction(motor: Motor) -> Iterator[Finding]:
+    """How fast a steep friction slows the motor down near rest."""
+    law = motor.friction
+    level = law.coulomb + law.stribeck
+    if not steepness(law) or motor.inertia == 0.0 or level == 0.0:
+        return
+    advice = "beta in s/rad at the motor: the friction is fully developed above the speed 2/beta; or coulomb in N m"
+    text = "beta coulomb / inertia, the decay of its speed near rest"
+    rate = steepness(law) * level / motor.inertia
+    yield make_finding(f"motor.{motor.name}.friction.beta", text, rate, "1/s", HOLD, advice)
 
 
 def _speeds(robot: RobotModel, motor: Motor) -> Iterator[Finding]:
