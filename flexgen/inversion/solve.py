@@ -63,6 +63,8 @@ NEAR = 100.0  # times the accuracy: an error of lq that a finer mesh may still r
 ENERGY = 1e-7
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
+# of the largest torque: estimated error of torques from which on they are no solution, although the tool follows
+RIPPLE_MOST = 0.1
 TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
 
@@ -471,7 +473,10 @@ def _estimate_ripple(solution: Solution) -> float:
 
 
 def _with_ripple(solution: Solution) -> Solution:
-    """The verified solution, with a warning where the torque ripples between its samples."""
+    """The verified solution, with a warning where the torque ripples between its samples.
+
+    "tolerance not met" where the ripple is a large part of the torque: the tool hardly follows it, but the motors do.
+    """
     if solution.residual_relative <= RIPPLE and solution.details.get("converged", True):
         return solution
     error = solution.details.get("torque_error")
@@ -480,7 +485,15 @@ def _with_ripple(solution: Solution) -> Solution:
         f"the samples do not resolve the motor torques: relative residual {solution.residual_relative:.1e} between "
         f"them{estimated}, although the tool follows; is the path rough, or close to a singular pose? Try another mesh"
     )
-    return replace(solution, warnings=(*solution.warnings, text))
+    noted = replace(solution, warnings=(*solution.warnings, text))
+    if error is None or error <= RIPPLE_MOST or solution.details.get("converged", True):
+        return noted
+    cause = (
+        f"the motor torques ripple: about {error:.0%} of the largest one is an error of the mesh; try a finer --mesh, a "
+        "smoother move, or another --method"
+    )
+    details = {**solution.details, "missed": cause, "cause": cause}
+    return replace(noted, status=Status.TOLERANCE_NOT_MET, details=details)
 
 
 def residual_is_small(solution: Solution) -> bool:

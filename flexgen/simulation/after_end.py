@@ -3,7 +3,8 @@
     x(t) = x_e + d(t),     d' = A d + f(x_e, u_e),     d(0) = 0
 
 A robot without brakes rests in an unstable equilibrium: the remaining motion grows. The prediction holds as long as the
-deviations are small.
+deviations are small. Frictions and gears with a state are simulated instead: their bristles creep and give way, which no
+linearization about one state shows.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.errors import SolverError
+from flexgen.simulation.integrators import integrate
 from flexgen.simulation.result import AFTER
 from flexgen.simulation.run import Run
 
@@ -33,3 +36,15 @@ def errors_after_end(found: Run, end: float, held: float) -> np.ndarray:
         change = step @ change
         out[k] = x + change[:n]
     return out
+
+
+def simulate_after_end(found: Run, end: float, held: float) -> np.ndarray:
+    """The same by simulation of the nonlinear equations; as predicted where an integrator does not follow them."""
+    if found.tolerances is None or held >= AFTER:
+        return errors_after_end(found, end, held)
+    t = end + np.linspace(0.0, AFTER - held, STEPS + 1)
+    try:
+        states = integrate(found.rates, found.last.copy(), t, *found.tolerances).states
+    except SolverError:
+        return errors_after_end(found, end, held)
+    return states[1:]

@@ -32,7 +32,7 @@ class Run:
     """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x), then those of `hysteretic_rate`.
 
     ``last``: the last one with the integrals of the feedback; ``rates``: the right-hand side there; ``integrator``: the
-    implicit method if any part needed it.
+    implicit method if any part needed it; ``tolerances``: relative and absolute ones.
     """
 
     states: np.ndarray
@@ -40,6 +40,7 @@ class Run:
     rates: Rates
     evaluations: int
     integrator: str
+    tolerances: tuple[float, np.ndarray] | None = None
 
 
 def run(
@@ -77,7 +78,7 @@ def run(
     integrals = 0 if feedback is None else robot.n_m
     function, in_c = _rates(equations, progress)
     slip = np.zeros(0)
-    if _has_memory(robot):
+    if has_memory(robot):
         from flexgen.simulation.hysteretic_rate import slip_torques
 
         slip = slip_torques(robot)
@@ -100,7 +101,8 @@ def run(
         states[first + 1 : last + 1] = found.states[1:]
         evaluations += found.evaluations
         integrator = found.method if found.method != EXPLICIT else integrator
-    return Run(states[:, : 2 * n + 2 + len(slip)], states[-1], rates, evaluations, integrator)
+    own = states[:, : 2 * n + 2 + len(slip)]
+    return Run(own, states[-1], rates, evaluations, integrator, (rtol, tolerances))
 
 
 def rates_of(
@@ -171,7 +173,7 @@ def _rates(
     return _known[equations]
 
 
-def _has_memory(robot: RobotModel) -> bool:
+def has_memory(robot: RobotModel) -> bool:
     """Whether gears or frictions have a state."""
     return bool(hysteretic_joints(robot) or bristled_motors(robot))
 
@@ -184,7 +186,7 @@ def _rate(equations: Equations) -> ca.Function:
     robot = equations.model
     n_a, n, n_m = robot.n_a, robot.dof, robot.n_m
     pushed = equations.force is not None  # the force is behind the references of a feedback
-    remembers, held = _has_memory(robot), 0
+    remembers, held = has_memory(robot), 0
     if remembers:
         from flexgen.simulation.hysteretic_rate import hysteretic_rate
 

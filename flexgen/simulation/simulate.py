@@ -37,7 +37,7 @@ from flexgen.progress import Choice, reported
 from flexgen.simulation.hold import SAME, TorqueCommand, command_in
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.simulation.result import Simulation, growth_text, output_error, record_motion
-from flexgen.simulation.run import Input, Run, run
+from flexgen.simulation.run import Input, Run, has_memory, run
 from flexgen.simulation.start import start_state
 from flexgen.torque_curve import constant, side_by_side, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
@@ -362,12 +362,13 @@ def _later_errors(
     task: _Task, found: Run, before: tuple[float | None, float | None]
 ) -> tuple[float | None, float | None]:
     """Largest errors of the output until `AFTER` after the end [m], [rad], with those until ``held`` after it."""
-    from flexgen.simulation.after_end import errors_after_end
+    from flexgen.simulation.after_end import errors_after_end, simulate_after_end
 
     if task.held <= 0.0 or "y_ref" not in task.given:
         return None, None
     n_a = task.equations.model.n_a
-    q_a = errors_after_end(found, float(task.t[-1]), task.held)[:, :n_a]
+    follow = simulate_after_end if has_memory(task.equations.model) else errors_after_end
+    q_a = follow(found, float(task.t[-1]), task.held)[:, :n_a]
     last = {name: np.repeat(values[-1:], len(q_a), axis=0) for name, values in task.given.items()}
     _, in_m, in_rad = output_error(task.equations, last, q_a)
     pairs = zip((in_m, in_rad), before, strict=True)

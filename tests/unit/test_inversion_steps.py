@@ -14,6 +14,7 @@ import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion import choice, comparison, solve, verification
 from flexgen.inversion.method_table import find_method
+from flexgen.inversion.problem_text import problem_of
 from flexgen.inversion.reached import BestSolution
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
@@ -555,3 +556,19 @@ def test_a_solution_has_the_times_of_all_steps_and_all_warnings(
     found = inspect.unwrap(solve.solve)("elbow", "line", mesh=0.01)
     assert (found.wall_s, found.cpu_s) == (3.5, 2.25) and [method for _, method in told] == ["auto"]
     assert found.warnings == (("full: None, 0.01",) if fails else ("jerky", "lq: None, 0.01"))
+
+
+def test_a_ripple_that_is_a_large_part_of_the_torque_is_not_solved() -> None:
+    model = flexgen.read("planar5_nmp")
+    for error, converged, status in (
+        (0.71, False, Status.TOLERANCE_NOT_MET),
+        (0.71, True, Status.SOLVED),
+        (solve.RIPPLE_MOST, False, Status.SOLVED),
+    ):
+        details = {"converged": converged, "torque_error": error}
+        found = solve._with_ripple(made(model, details=details))
+        assert found.status == status
+    text = problem_of(
+        solve._with_ripple(made(model, details={"converged": False, "torque_error": 0.71})), 1e-5
+    )
+    assert text.startswith("tolerance not met: the motor torques ripple: about 71%")
