@@ -218,3 +218,27 @@ def test_the_steepness_of_a_law_is_that_of_its_fastest_part() -> None:
     assert steepness(Friction(viscous=1.0, beta=5.0)) == 0.0
     assert steepness(STEEP) == 50.0
     assert steepness(Friction(stribeck=0.1, alpha=70.0, beta=5.0)) == 70.0
+
+
+# --- frictions with a state ------------------------------------------------------------------------------------------
+
+
+def test_the_error_two_seconds_after_the_end_is_that_of_a_simulation_with_bristles() -> None:
+    """Torques 0.1 % too large: the arm slides and sticks; the linearization is wrong by a factor of four."""
+    from bristled import NUMBERS, bristled
+
+    from flexgen.simulation import simulate as simulating
+    from flexgen.simulation.after_end import errors_after_end
+
+    model = bristled("elbow", {"m1": NUMBERS, "m2": NUMBERS})
+    data = flexgen.solve(model, method="closed-form").trajectory
+    pushed = replace(data, channels={**data.channels, "tau_m": 1.001 * data["tau_m"]})
+    near, far = (
+        flexgen.simulate(model, pushed, held=held, feedback="none") for held in (0.5, 2.0)
+    )
+    assert near.later_error_max_m == pytest.approx(far.tool_error_max_m, rel=1e-3)
+    assert simulating.has_memory(model)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("flexgen.simulation.after_end.simulate_after_end", errors_after_end)
+        predicted = flexgen.simulate(model, pushed, held=0.5, feedback="none")
+    assert predicted.later_error_max_m != pytest.approx(far.tool_error_max_m, rel=0.2)
