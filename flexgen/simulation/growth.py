@@ -21,12 +21,16 @@ from scipy.linalg import expm
 
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import check_inertia, second_order_matrices
+from flexgen.mechanics.motor_harmonics import highest_harmonics
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import has_harmonics
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.result import AFTER
 from flexgen.trajectory import Trajectory
 
 STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
+PHASE = 0.4  # rad: between instants of the grid, of the fastest Fourier sum of a motor angle
+MOST_HARMONIC = 8000  # intervals that resolve it, at most: some seconds of matrix exponentials
 AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: rounding
 
 
@@ -102,6 +106,8 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     last = _last_moving(motion.v_a)
     count = int(np.clip((t[last] - t[0]) / STEP, FEWEST, MOST))
     at = np.unique(np.searchsorted(t, np.linspace(t[0], t[last], count + 1)).clip(0, last))
+    if has_harmonics(model):
+        at = np.union1d(at, _samples_of_harmonics(model, motion.q_m[: last + 1]))
     arguments = [
         motion.q_a,
         motion.v_a,
@@ -127,6 +133,19 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n], A[:, n:, n:] = (np.linalg.solve(M, -x) / side[:, None] * side for x in (K, D))
     return Linearized(at, np.diff(t[at]), A, force, float(t[-1] - t[last]))
+
+
+def _samples_of_harmonics(model: RobotModel, q_m: np.ndarray) -> np.ndarray:
+    """Samples between which the fastest Fourier sum of a motor angle turns by at most `PHASE`.
+
+    The stiffness of cogging changes its sign twice in each turn, and a coarser grid has that of single instants.
+    """
+    turned = np.abs(np.diff(q_m, axis=0)) * highest_harmonics(model)
+    phase = np.concatenate([[0.0], turned.max(axis=1, initial=0.0).cumsum()])
+    count = int(min(np.ceil(phase[-1] / PHASE), MOST_HARMONIC))
+    if count < 1:
+        return np.zeros(0, int)
+    return np.searchsorted(phase, np.linspace(0.0, phase[-1], count + 1)).clip(0, len(q_m) - 1)
 
 
 def _last_moving(v_a: np.ndarray) -> int:

@@ -233,9 +233,7 @@ def test_the_error_two_seconds_after_the_end_is_that_of_a_simulation_with_bristl
     model = bristled("elbow", {"m1": NUMBERS, "m2": NUMBERS})
     data = flexgen.solve(model, method="closed-form").trajectory
     pushed = replace(data, channels={**data.channels, "tau_m": 1.001 * data["tau_m"]})
-    near, far = (
-        flexgen.simulate(model, pushed, held=held, feedback="none") for held in (0.5, 2.0)
-    )
+    near, far = (flexgen.simulate(model, pushed, held=held, feedback="none") for held in (0.5, 2.0))
     assert near.later_error_max_m == pytest.approx(far.tool_error_max_m, rel=1e-3)
     assert simulating.has_memory(model)
     with pytest.MonkeyPatch.context() as patch:
