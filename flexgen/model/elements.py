@@ -7,8 +7,8 @@ order of the elements consist of actuated ones ``q_g`` (a gear between them and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -291,6 +291,23 @@ class Output:
 
 
 @dataclass(frozen=True)
+class UrdfJoint:
+    """The joint of a URDF file that a degree of freedom was read from, for exports.
+
+    ``offset`` [rad or m]: its position where a mechanism has it at the zero of the model.
+    ``lower``, ``upper`` [rad or m], ``speed_max`` [its unit/s], ``effort`` [N m or N]: those of its
+    limits that are numbers of a real joint.
+    """
+
+    name: str
+    offset: float = 0.0
+    lower: float | None = None
+    upper: float | None = None
+    speed_max: float | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True)
 class Coordinate:
     """One arm coordinate: name, unit ("rad" or "m"), whether it is actuated, and the element to which it belongs."""
 
@@ -348,6 +365,8 @@ class RobotModel:
     uncertainty: Tolerances | None = None
     servo: Any = None  # ServoTable of flexgen.position_servo.keys
     temperature: Any = 20.0  # [deg C], a number; a symbol where it is a run-time parameter
+    # by the name of the degree of freedom; no part of the data of the robot
+    urdf_joints: Mapping[str, UrdfJoint] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse names that files, C, XML and pages are not made for; those of moves are checked by themselves."""

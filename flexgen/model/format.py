@@ -162,8 +162,14 @@ ELEMENT = Format(
 )
 
 
-def _check_size(table: Table, here: Context) -> None:
-    """Raise an error for a chain with too many coordinates."""
+def _check_elements(table: Table, here: Context) -> None:
+    """Raise an error for too many coordinates, and for mechanisms without coordinates."""
+    known = here.names["coordinate"]
+    free = [name for name, own in known.items() if "mimic" not in own]
+    for own in known.values():
+        factors = own.table("mimic")
+        if factors is not None:
+            factors.only(*free)
     count = len(here.names["coordinate"])
     if count > robot.COORDINATES_MAX:
         raise table.fail(
@@ -222,8 +228,10 @@ UNCERTAINTY = Format(
             "s",
             0.0,
         ),
-        Key("common", words(), "kinds whose numbers all have the same relative error", default=()),
-        Key("parameters", words(), "numbers by name, in place of those of their kinds", default=()),
+        Key("common", words(0), "kinds whose numbers all have the same relative error", default=()),
+        Key(
+            "parameters", words(0), "numbers by name, in place of those of their kinds", default=()
+        ),
         Key("sd", _each(1), _SPREAD.format("each of the parameters"), default=()),
         Key(
             "correlation",
@@ -248,7 +256,7 @@ MODEL = Format(
             "element",
             listed(ELEMENT),
             "the links, parents before their children",
-            check=_check_size,
+            check=_check_elements,
         ),
         Key("tool", sub(TOOL), _FLANGE, default=Placement()),
         Key(
@@ -295,7 +303,7 @@ VARIANT = Format(
             'new values by dotted path, such as "element.arm1.dof.q1.gear.damping" = 0.0',
             default=None,
         ),
-        Key("remove", words(), "dotted paths of keys that are removed before", default=()),
+        Key("remove", words(0), "dotted paths of keys that are removed before", default=()),
     ),
 )
 
@@ -307,12 +315,12 @@ def _read_lock(table: Table, key: Key, here: Context) -> dict[str, float]:
     if isinstance(table.entries[key.name].value, dict):
         inner = table.table(key.name)
         return {joint: inner.number(joint) for joint in inner.entries} if inner is not None else {}
-    return dict.fromkeys(table.words(key.name), 0.0)
+    return dict.fromkeys(table.words(key.name, 0), 0.0)
 
 
 _FIXED = "joints fixed at a position [rad or m]"
 _POSITION = number().schema | {"description": "position [rad or m]"}
-_LOCK = {"anyOf": [words().schema, {"type": "object", "additionalProperties": _POSITION}]}
+_LOCK = {"anyOf": [words(0).schema, {"type": "object", "additionalProperties": _POSITION}]}
 _LIMITS = Key("limits", flag(), "use the limits of the URDF file", default=True)
 URDF = Format(
     "the chain is in a URDF file",
@@ -324,7 +332,7 @@ URDF = Format(
         ),
         Key("base", text(), "the link that is the ground"),
         Key("tip", text(), "the link that carries the tool"),
-        Key("branches", words(), "links at the ends of other branches", default=()),
+        Key("branches", words(0), "links at the ends of other branches", default=()),
         Key(
             "lock",
             Type(_read_lock, _LOCK),
@@ -333,12 +341,18 @@ URDF = Format(
         ),
         Key(
             "drop",
-            words(),
+            words(0),
             "joints outside the chain, left out with all links behind them",
             default=(),
         ),
         _LIMITS,
         replace(_LIMITS, name="dynamics", doc="use the friction of the URDF file"),
+        Key(
+            "unfinished",
+            words(0),
+            "links whose bodies are to be filled in: the file is refused while one has no mass",
+            default=(),
+        ),
     ),
 )
 _EXTRA = "degrees of freedom {} the joint, at the same point"

@@ -481,21 +481,20 @@ def _check_mimic(table: Table, here: Context) -> None:
             raise table.fail(key, f"no {key} together with mimic")
 
 
-def _moving(here: Context) -> list[str]:
-    """Coordinates before this one that are not moved by mechanisms."""
-    return [
-        name for name, table in list(here.names["coordinate"].items())[:-1] if "mimic" not in table
-    ]
+def _read_mimic(table: Table, key: Key, here: Context) -> tuple[tuple[str, float], ...]:
+    """Factors by the names of coordinates; these are checked after all elements are read."""
+    inner = table.table(key.name)
+    assert inner is not None
+    return tuple((name, inner.number(name)) for name in inner.entries)
 
 
-_FACTORS = by_name(_moving)
-_MIMIC = replace(_FACTORS, read=lambda *given: tuple(_FACTORS.read(*given).items()), write=dict)
+_MIMIC = Type(_read_mimic, by_name(lambda here: []).schema, write=dict)
 
 
 def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
     gear = "gear between the coordinate and its motor: the coordinate is actuated"
     spring = "spring instead of a gear: the coordinate has no motor"
-    mimic = "moved by a mechanism, sum of factor times coordinates before it, no gear or spring"
+    mimic = "moved by a mechanism, sum of factor times coordinates, no gear or spring"
     return Format(
         f"a {kind}",
         (

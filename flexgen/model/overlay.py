@@ -7,18 +7,20 @@ URDF file cannot contain. All other keys are those of an ordinary model file and
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexgen.errors import ModelError
-from flexgen.model.elements import Body
+from flexgen.model.elements import Body, UrdfJoint
 from flexgen.model.format import JOINT, LINK, URDF
 from flexgen.model.format_robot import BODY, DOF
 from flexgen.model.joint_defaults import EVERY, merge
-from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
+from flexgen.model.urdf import Inertial, Limit, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
+from flexgen.model.urdf_mimic import Motions
 from flexgen.model.urdf_source import find_urdf
 from flexgen.spec.keys import Context
 from flexgen.spec.ports import c_name_problem, identifier_problem
@@ -27,10 +29,13 @@ from flexgen.spec.toml_lines import Entry, wrap
 
 _RENAME = JOINT["rename"]
 _EVERY = JOINT.without("rename", "before", "after").names  # of the table [joint."*"]
+# s/rad or s/m: of the Coulomb friction of a URDF file, which is smoothed by tanh(beta speed); at
+# 5 % of the speed of a usual joint, 1 rad/s or 0.3 m/s, it is 76 % of its value
+BETA = {"revolute": 20.0, "continuous": 20.0, "prismatic": 66.0}
 _FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
 
 
-def expand(root: Entry, folder: Path, shown: str) -> None:
+def expand(root: Entry, folder: Path, shown: str) -> dict[str, UrdfJoint]:
     """Replace the tables ``urdf``, ``joint`` and ``link`` of a model file by ``element`` and ``motor`` tables.
 
     Adds defaults for missing keys: the name of the robot in the URDF file, gravity along -z, all actuated joints as
@@ -44,6 +49,11 @@ def expand(root: Entry, folder: Path, shown: str) -> None:
         Relative paths in the file start here.
     shown : str
         Name of the model file in messages.
+
+    Returns
+    -------
+    dict
+        The joints of the URDF file by the names of their degrees of freedom.
 
     Raises
     ------
@@ -72,6 +82,7 @@ def expand(root: Entry, folder: Path, shown: str) -> None:
         )
     for name, value in overlay.defaults(chain).items():
         root.value.setdefault(name, value)
+    return overlay.sources(chain)
 
 
 class _Overlay:
@@ -114,8 +125,10 @@ class _Overlay:
     def chain(self) -> Chain:
         """The chain from base to tip, and its branches."""
         base, *tips = self.ends
-        locked, dropped = self._read_locked(), self._read_dropped()
-        chain = find_chain(self.urdf, base, tips, locked, dropped, self._inertial)
+        motion_of = Motions(self.urdf, self._read_locked(), self.joints)
+        dropped = self._read_dropped()
+        self._check_unfinished()
+        chain = find_chain(self.urdf, base, tips, motion_of, dropped, self._inertial)
         moving = {segment.joint.name for segment in chain.segments}
         for name in (name for tip in tips for name in dropped & self._above(tip)):
             raise self.table.fail("drop", f"joints outside the chain ({show(name)} is part of it)")
@@ -136,11 +149,11 @@ class _Overlay:
         return chain
 
     def spread(self, chain: Chain) -> None:
-        """Add the keys of ``[joint."*"]`` to the tables of the joints of the chain."""
+        """Add the keys of ``[joint."*"]`` to the tables of joints that no mechanism moves."""
         if self.every is None:
             return
-        driven = set(self._find_driven())
-        for name in (segment.joint.name for segment in chain.segments):
+        driven = self.driven
+        for name in (s.joint.name for s in chain.segments if not s.motion.follows):
             own = self.joints.get(name)
             entries = {} if own is None else own.entries
             default = self.every.entries
@@ -182,6 +195,25 @@ class _Overlay:
                     "drop", f"{among(name, self.urdf.joints)} instead of {show(name)}"
                 )
         return frozenset(names)
+
+    def _check_unfinished(self) -> None:
+        """Raise an error that names all links whose bodies are still to be filled in."""
+        names = URDF["unfinished"].read(self.table, Context())
+        for name in names:
+            if name not in self.urdf.links:
+                expected = f"{among(name, self.urdf.links)} instead of {show(name)}"
+                raise self.table.fail("unfinished", expected)
+        empty = [name for name in names if self._inertial(self.urdf.links[name]) is None]
+        if empty:
+            given = f"bodies without mass: {', '.join(map(show, empty))}"
+            expected = (
+                "their masses [kg], centers of mass [m] and inertias [kg m^2], which "
+                f"{self.urdf.file} does not have, in [link.{bare(empty[0])}] "
+                "body = { mass = ..., com = [...], inertia = [...] }"
+                + " and so on"
+                * (len(empty) > 1)
+            )
+            raise self.table.fail("unfinished", expected, given)
 
     def _inertial(self, link: Link) -> Inertial | None:
         """The body of a link: that of the overlay if it has one, else the inertial of the URDF file."""
@@ -229,6 +261,11 @@ class _Overlay:
             value["origin"] = origin
         table = self.joints.get(segment.joint.name)
         before, after = (_list(table, name) for name in ("before", "after"))
+        if before and segment.motion.follows and segment.motion.offset != 0.0:
+            assert table is not None
+            given = "degrees of freedom before a joint that follows others with the offset "
+            given += f"{segment.motion.offset:g}"
+            raise table.fail("before", "no offset, or degrees of freedom after it", given)
         value["dof"] = Entry([*before, self._dof(segment), *after], line, self.urdf.file)
         if segment.body is not None:
             value["body"] = self._body(segment.body, segment.link.node.line)
@@ -245,15 +282,16 @@ class _Overlay:
         mimic = self._mimic(segment)
         if mimic is not None:
             return self._here(value | {"mimic": mimic}, joint.node.line)
-        limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
+        limit = self._limit(segment)
         if limit is not None:
             unit = "_rad" if rotary else ""
-            for name, number in (("lower", limit.lower), ("upper", limit.upper)):
-                if number is not None and not any(
-                    name + other in (table or ()) for other in ("", "_rad", "_deg")
-                ):
-                    value[name + unit] = wrap(number, limit.line, self.urdf.file)
-            value["speed_max"] = wrap(limit.velocity, limit.line, self.urdf.file)
+            for name, number in (
+                ("lower" + unit, limit.lower),
+                ("upper" + unit, limit.upper),
+                ("speed_max", limit.velocity),
+            ):
+                if number is not None:
+                    value[name] = wrap(number, limit.line, self.urdf.file)
         if table is None or "friction" not in table:
             friction = self._friction(segment)
             if friction is not None:
@@ -266,14 +304,50 @@ class _Overlay:
                     value[name] = table.entries[name]
         return self._here(value, joint.node.line)
 
+    def _limit(self, segment: Segment) -> Limit | None:
+        """Limits of the URDF file that nothing in the overlay replaces."""
+        joint, table = segment.joint, self.joints.get(segment.joint.name)
+        if not self._flag(table, "limits", self.limits):
+            return None
+        given = set() if table is None else set(table.entries)
+        replaced = [
+            name
+            for name in ("lower", "upper")
+            if given & {name + unit for unit in ("", "_rad", "_deg")}
+        ]
+        motor = table.table("motor") if table is not None else None
+        if self._find_name("joint", joint.name) in self.driven or (
+            motor is not None and "torque_max" in motor
+        ):
+            replaced.append("effort")
+        if "speed_max" in given:
+            replaced.append("velocity")
+        return self.urdf.limit(joint, replaced)
+
     def _mimic(self, segment: Segment) -> Entry | None:
         """Factors of the coordinates that move a joint by a mechanism: those of the overlay, else of the URDF file."""
-        table, found = self.joints.get(segment.joint.name), self.urdf.mimic(segment.joint)
+        table, motion = self.joints.get(segment.joint.name), segment.motion
         if table is not None and "mimic" in table:
             return table.entries["mimic"]
-        if found is None or (table is not None and ("gear" in table or "spring" in table)):
+        if not motion.follows:
             return None
-        return wrap({self._find_name("joint", found[1]): found[2]}, found[0], self.urdf.file)
+        factors = {self._find_name("joint", name): x for name, x in motion.joints.items()}
+        return wrap(factors | dict(motion.coordinates), motion.line, self.urdf.file)
+
+    def sources(self, chain: Chain) -> dict[str, UrdfJoint]:
+        """The joints of the URDF file by the names of their degrees of freedom."""
+        out = {}
+        for segment in chain.segments:
+            joint, limits = segment.joint, self.urdf.usable_limits(segment.joint)
+            out[self._find_name("joint", joint.name)] = UrdfJoint(
+                joint.name,
+                segment.motion.offset if segment.motion.follows else 0.0,
+                limits.get("lower"),
+                limits.get("upper"),
+                limits.get("velocity"),
+                limits.get("effort"),
+            )
+        return out
 
     def _friction(self, segment: Segment) -> Entry | None:
         if not self.dynamics:
@@ -286,13 +360,14 @@ class _Overlay:
                 f"{key('joint', segment.joint.name)}.dynamics.friction",
                 f"{coulomb:g}",
                 f"in the overlay: [joint.{name}] friction = {{ viscous = {viscous:g}, coulomb = {coulomb:g}, "
-                "beta = 100.0 } (smoothed by tanh(beta speed)), or [urdf] dynamics = false",
+                f"beta = {BETA[segment.joint.type]:g} }} (smoothed by tanh(beta speed)), or [urdf] "
+                "dynamics = false",
             )
         return wrap({"viscous": viscous}, line, self.urdf.file) if viscous != 0.0 else None
 
     def motors(self, chain: Chain) -> list[Entry]:
         """A motor for each joint with a gear, except for joints that a ``[[motor]]`` of the overlay drives."""
-        driven = set(self._find_driven())
+        driven = self.driven
         out = []
         count = 0
         for segment in chain.segments:
@@ -332,16 +407,22 @@ class _Overlay:
                 if "drives" in own:
                     raise own.fail("drives", f"no key drives (this motor drives {name})")
                 value |= own.entries
-            limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
+            limit = self._limit(segment)
+            effort = None if limit is None else limit.effort
             ratio = value["ratio"]
             number = as_number(ratio.value if isinstance(ratio, Entry) else ratio)
-            if limit is not None and number and "torque_max" not in value:
-                value["torque_max"] = wrap(limit.effort / abs(number), limit.line, self.urdf.file)
+            if limit is not None and effort is not None and number and "torque_max" not in value:
+                value["torque_max"] = wrap(effort / abs(number), limit.line, self.urdf.file)
             entry = self._here(value, joint.node.line)
             if own is not None:
                 entry.file, entry.line = own.file, own.line
             out.append(entry)
         return out
+
+    @cached_property
+    def driven(self) -> frozenset[str]:
+        """Names of joints that the ``[[motor]]`` tables drive."""
+        return frozenset(self._find_driven())
 
     def _find_driven(self) -> Iterator[str]:
         """Names of joints that the ``[[motor]]`` tables drive; the reader reports wrong tables."""
@@ -382,8 +463,8 @@ class _Overlay:
 
     def _home(self, segment: Segment) -> float:
         """Home of a joint: zero, or midway between its limits if zero is outside of them."""
-        table, joint = self.joints.get(segment.joint.name), segment.joint
-        limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
+        table = self.joints.get(segment.joint.name)
+        limit = self._limit(segment)
         ends: dict[str, float | None] = {"lower": None, "upper": None}
         if limit is not None:
             ends = {"lower": limit.lower, "upper": limit.upper}

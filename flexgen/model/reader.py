@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.model.elements import RobotModel
+from flexgen.model.elements import RobotModel, UrdfJoint
 from flexgen.model.format import MODEL, VARIANT
 from flexgen.model.urdf_source import from_here, plain_urdf
 from flexgen.registry import find_function
@@ -75,10 +75,11 @@ def read(
         path, shown, chosen = _find(model, variant)
         root, folder, again = parse_file(path, shown), path.parent, shown
     urdf = "urdf" in root.value
+    joints: Mapping[str, UrdfJoint] = {}
     if urdf:
         from flexgen.model.overlay import expand
 
-        expand(root, folder, shown)
+        joints = expand(root, folder, shown)
     variants = _variants(root, shown)
     if chosen and chosen not in variants:
         raise ArgumentError(
@@ -99,7 +100,7 @@ def read(
         other.apply(toml_lines.copy(unchanged))
     if urdf:
         _check_inertia(root, robot)
-    return replace(robot, file=again)
+    return replace(robot, file=again, urdf_joints=joints)
 
 
 def model_names() -> list[str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -28,7 +28,6 @@ SIZE_MAX = 2_000_000  # bytes
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 # of the triangle inequality, relative to the largest moment: files have about six digits
 INERTIA_TOLERANCE = 1e-6
-_AXIS_TOLERANCE = 1e-3  # of the length of an axis: directions have few digits
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "iyz", "ixz")
@@ -77,14 +76,37 @@ class Inertial:
 
 
 @dataclass(frozen=True)
+class Stated:
+    """The numbers of <inertial>; the inertia tensor has the axes of its <origin>, ``axes``."""
+
+    mass: float
+    com: np.ndarray
+    inertia: np.ndarray
+    axes: np.ndarray
+
+
+@dataclass(frozen=True)
 class Limit:
-    """Limits of a joint: ``lower``, ``upper`` [rad or m] or None, ``effort`` [N m or N], ``velocity`` [its unit/s]."""
+    """Limits of a joint, or None in their place.
+
+    ``lower``, ``upper`` [rad or m], ``effort`` [N m or N], ``velocity`` [its unit/s].
+    """
 
     line: int
     lower: float | None
     upper: float | None
-    effort: float
-    velocity: float
+    effort: float | None
+    velocity: float | None
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """<mimic> of a joint: its position is ``factor q_leader + offset`` [rad or m]."""
+
+    line: int
+    leader: str
+    factor: float
+    offset: float
 
 
 @dataclass(frozen=True)
@@ -287,16 +309,17 @@ class Urdf:
         name: str,
         count: int = 1,
         default: Sequence[float] | None = None,
+        hint: str = "",
     ) -> list[float]:
+        """The numbers of an attribute; ``hint``: what else can be done where they are wrong."""
         if default is not None and name not in node.attributes:
             return list(default)
         expected = "a number" if count == 1 else f"{count} numbers"
         text = self._attribute(node, here, name)
         words = text.split()
         if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
-            hint = (
-                " (the file seems to be xacro source that is not expanded)" if "${" in text else ""
-            )
+            if "${" in text:
+                hint = " (the file seems to be xacro source that is not expanded)"
             self.fail(node.line, f"{here}.{name}", show(text), expected + hint)
         values = [float(word) for word in words]
         largest = max(map(abs, values))
@@ -305,7 +328,7 @@ class Urdf:
                 node.line,
                 f"{here}.{name}",
                 show(text),
-                f"{expected} of magnitude at most {LARGEST:g}",
+                f"{expected} of magnitude at most {LARGEST:g}{hint}",
             )
         return zero_tiny(values)
 
@@ -324,67 +347,95 @@ class Urdf:
         return self._pose(joint.node, key("joint", joint.name))
 
     def axis(self, joint: Joint) -> list[float]:
-        """The unit axis of a joint in its own frame."""
-        here = f"{key('joint', joint.name)}.axis"
-        node = self._child(joint.node, key("joint", joint.name), "axis")
-        if node is None:
-            return [1.0, 0.0, 0.0]  # the default of the format
-        values = self._numbers(node, here, "xyz", 3)
+        """The axis of a joint in its own frame, normalized to length 1."""
+        values = self._axis(joint)
         length = math.hypot(*values)
-        if abs(length - 1.0) > _AXIS_TOLERANCE:
-            self.fail(
-                node.line, f"{here}.xyz", show(node.attributes["xyz"]), "a direction of length 1"
-            )
+        if length == 0.0:
+            node = self._child(joint.node, key("joint", joint.name), "axis")
+            assert node is not None
+            here = f"{key('joint', joint.name)}.axis.xyz"
+            given, expected = show(node.attributes["xyz"]), "a direction that is not zero"
+            self.fail(node.line, here, given, expected)
         return [x / length for x in values]
 
-    def mimic(self, joint: Joint) -> tuple[int, str, float, float] | None:
-        """Line, joint, multiplier and offset [rad or m] of <mimic>, or None if there is none."""
+    def axis_length(self, joint: Joint) -> float:
+        """The length of the axis of a joint as it is in the file."""
+        return math.hypot(*self._axis(joint))
+
+    def _axis(self, joint: Joint) -> list[float]:
+        here = key("joint", joint.name)
+        node = self._child(joint.node, here, "axis")
+        if node is None:
+            return [1.0, 0.0, 0.0]  # the default of the format
+        return self._numbers(node, f"{here}.axis", "xyz", 3)
+
+    def mimic(self, joint: Joint) -> Mimic | None:
+        """<mimic> of a joint, or None if there is none."""
         here = key("joint", joint.name)
         node = self._child(joint.node, here, "mimic")
         if node is None:
             return None
         factor = self._numbers(node, f"{here}.mimic", "multiplier", 1, (1.0,))[0]
         offset = self._numbers(node, f"{here}.mimic", "offset", 1, (0.0,))[0]
-        return node.line, node.attributes.get("joint", ""), factor, offset
+        return Mimic(node.line, node.attributes.get("joint", ""), factor, offset)
 
-    def limit(self, joint: Joint) -> Limit | None:
-        """Limits of a movable joint; None for a continuous joint without limits."""
+    def limit(self, joint: Joint, replaced: Collection[str] = ()) -> Limit | None:
+        """Limits of a movable joint; None for a joint that needs none and has none.
+
+        Parameters
+        ----------
+        joint : Joint
+        replaced : collection of str
+            Attributes of <limit> that other values replace: not read, None in their place.
+        """
         where = key("joint", joint.name)
-        switch = f"(or in the overlay: [joint.{bare(joint.name)}] limits = false)"
+        needed = [name for name in self._limits_of(joint) if name not in replaced]
         node = self._child(joint.node, where, "limit")
         if node is None:
-            if joint.type == "continuous":
+            if joint.type == "continuous" or not needed:
                 return None
-            self.fail(
-                joint.node.line,
-                f"{where}.limit",
-                "nothing",
-                f"<limit> with lower, upper, effort, velocity {switch}",
-            )
-        here = f"{where}.limit"
-        for name in (
-            ("effort", "velocity")
-            if joint.type == "continuous"
-            else ("lower", "upper", "effort", "velocity")
-        ):
-            if name not in node.attributes:
-                self.fail(node.line, f"{here}.{name}", "nothing", f"a number {switch}")
-        effort, velocity = (self._numbers(node, here, name)[0] for name in ("effort", "velocity"))
-        for name, value in (("effort", effort), ("velocity", velocity)):
-            if value <= 0.0:
-                self.fail(
-                    node.line,
-                    f"{here}.{name}",
-                    show(node.attributes[name]),
-                    f"a number > 0 {switch}",
-                )
-        if joint.type == "continuous":
-            return Limit(node.line, None, None, effort, velocity)
-        lower, upper = (self._numbers(node, here, name)[0] for name in ("lower", "upper"))
-        if lower >= upper:
+            names = ", ".join(sorted(needed, key=("lower", "upper", "effort", "velocity").index))
+            given, expected = "nothing", f"<limit> with {names} {_switch(joint)}"
+            self.fail(joint.node.line, f"{where}.limit", given, expected)
+        found = {name: self._limit(joint, node, name) for name in needed}
+        lower, upper = found.get("lower"), found.get("upper")
+        if lower is not None and upper is not None and lower >= upper:
             given = f"lower {lower:g}, upper {upper:g}"
-            self.fail(node.line, here, given, f"a lower limit below the upper one {switch}")
-        return Limit(node.line, lower, upper, effort, velocity)
+            expected = f"a lower limit below the upper one {_switch(joint)}"
+            self.fail(node.line, f"{where}.limit", given, expected)
+        return Limit(node.line, lower, upper, found.get("effort"), found.get("velocity"))
+
+    def usable_limits(self, joint: Joint) -> dict[str, float]:
+        """Those numbers of <limit> that are right; neither of two ends in a wrong order."""
+        where = key("joint", joint.name)
+        out: dict[str, float] = {}
+        for name in self._limits_of(joint):
+            try:
+                node = self._child(joint.node, where, "limit")
+                if node is not None:
+                    out[name] = self._limit(joint, node, name)
+            except ModelError:
+                continue
+        if "lower" in out and "upper" in out and out["lower"] >= out["upper"]:
+            del out["lower"], out["upper"]
+        return out
+
+    @staticmethod
+    def _limits_of(joint: Joint) -> tuple[str, ...]:
+        """The attributes of <limit> that a joint of this type needs, in the order of the checks."""
+        rates = ("effort", "velocity")
+        return rates if joint.type == "continuous" else (*rates, "lower", "upper")
+
+    def _limit(self, joint: Joint, node: Node, name: str) -> float:
+        """One number of <limit>."""
+        here = f"{key('joint', joint.name)}.limit"
+        if name not in node.attributes:
+            self.fail(node.line, f"{here}.{name}", "nothing", f"a number {_switch(joint)}")
+        (value,) = self._numbers(node, here, name, hint=f" {_switch(joint)}")
+        if name in ("effort", "velocity") and value <= 0.0:
+            given, expected = show(node.attributes[name]), f"a number > 0 {_switch(joint)}"
+            self.fail(node.line, f"{here}.{name}", given, expected)
+        return value
 
     def dynamics(self, joint: Joint) -> tuple[int, float, float]:
         """Line, viscous damping [N m s/rad or N s/m] and Coulomb friction [N m or N] of a joint; zero by default."""
@@ -410,6 +461,25 @@ class Urdf:
 
         ``reduced``: the largest principal moment may exceed the sum of the other two.
         """
+        body = self.stated_inertial(link)
+        if body is None:
+            return None
+        here = f"{key('link', link.name)}.inertial"
+        lines = self._lines(link)
+        if body.mass < 0.0:
+            self.fail(lines["mass"], f"{here}.mass.value", f"{body.mass:g}", "a number >= 0")
+        if body.mass == 0.0 and body.inertia.any():
+            given, expected = "an inertia without a mass", "a mass > 0, or no inertia"
+            self.fail(lines["inertia"], f"{here}.inertia", given, expected)
+        if body.inertia.any():
+            self._check_inertia(body.inertia, lines["inertia"], link, reduced)
+        if body.mass == 0.0:
+            return None
+        R = body.axes
+        return Inertial(body.mass, body.com, R @ body.inertia @ R.T, reduced)
+
+    def stated_inertial(self, link: Link) -> Stated | None:
+        """The numbers of <inertial>, which need not be those of a body; None if there is none."""
         where = key("link", link.name)
         self._check_spelling(link.node, where)
         node = self._child(link.node, where, "inertial")
@@ -421,24 +491,20 @@ class Urdf:
         for tag, part in parts.items():
             if part is None:
                 self.fail(node.line, f"{here}.{tag}", "nothing", f"<{tag}> in <inertial>")
-        assert parts["mass"] is not None and parts["inertia"] is not None
-        (mass,) = self._numbers(parts["mass"], f"{here}.mass", "value")
-        if mass < 0.0:
-            self.fail(parts["mass"].line, f"{here}.mass.value", f"{mass:g}", "a number >= 0")
-        moments = [self._numbers(parts["inertia"], f"{here}.inertia", name)[0] for name in _MOMENTS]
+        mass, inertia = parts["mass"], parts["inertia"]
+        assert mass is not None
+        assert inertia is not None
+        (value,) = self._numbers(mass, f"{here}.mass", "value")
+        moments = [self._numbers(inertia, f"{here}.inertia", name)[0] for name in _MOMENTS]
         xx, yy, zz, xy, yz, xz = moments
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        line = parts["inertia"].line
-        if mass == 0.0 and any(moments):
-            self.fail(
-                line, f"{here}.inertia", "an inertia without a mass", "a mass > 0, or no inertia"
-            )
-        if any(moments):
-            self._check_inertia(tensor, line, link, reduced)
         pose = self._pose(node, here)
-        if mass == 0.0:
-            return None
-        return Inertial(mass, pose.position, pose.rotation @ tensor @ pose.rotation.T, reduced)
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Stated(value, pose.position, tensor, pose.rotation)
+
+    def _lines(self, link: Link) -> dict[str, int]:
+        """Lines of the parts of <inertial>."""
+        node = next(child for child in link.node.children if child.tag == "inertial")
+        return {child.tag: child.line for child in node.children}
 
     def _check_inertia(self, tensor: np.ndarray, line: int, link: Link, reduced: bool) -> None:
         here = f"{key('link', link.name)}.inertial.inertia"
@@ -456,6 +522,11 @@ class Urdf:
         if not reduced and low + middle < high * (1.0 - INERTIA_TOLERANCE):
             wanted = f"no moment larger than the sum of the other two (or {table} inertia_reduced = true)"
             self.fail(line, here, given, wanted)
+
+
+def _switch(joint: Joint) -> str:
+    """What an overlay can say where a limit is wrong."""
+    return f"(or in the overlay: [joint.{bare(joint.name)}] limits = false)"
 
 
 def key(kind: str, name: str) -> str:

@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexgen.errors import ModelError
 from flexgen.model.urdf import Inertial, Joint, Link, Pose, Urdf, identity_pose, key
+from flexgen.model.urdf_mimic import Motion, check_leaders
 from flexgen.spec.tables import bare, show
 
 MOVING = ("revolute", "continuous", "prismatic")
 
 InertialOf = Callable[[Link], Inertial | None]
+MotionOf = Callable[[Joint], Motion]
 
 
 @dataclass(frozen=True)
 class Segment:
     """A moving joint and the body that it moves.
 
-    ``origin``: pose of the joint in the link of the segment ``parent`` (in the base link for -1). ``body``: all links
-    fixed to the child link, lumped, in the frame of the child; None if their mass is 0.
+    ``motion``: of the joint. ``origin``: pose of the joint, at the offset of its motion, in the
+    link of the segment ``parent`` (in the base link for -1). ``body``: all links fixed to the child
+    link, lumped, in the frame of the child; None if their mass is 0.
     """
 
     joint: Joint
+    motion: Motion
     link: Link
     origin: Pose
     parent: int
@@ -33,7 +37,10 @@ class Segment:
 
 @dataclass(frozen=True)
 class Chain:
-    """Segments in the order of the file, parents first; the pose of the tip in the link of segment ``carrier``."""
+    """Segments in the order of the file, parents and joints that others follow first.
+
+    ``tip``: pose of the tip in the link of segment ``carrier``.
+    """
 
     segments: tuple[Segment, ...]
     tip: Pose
@@ -44,7 +51,7 @@ def find_chain(
     urdf: Urdf,
     base: str,
     tips: Sequence[str],
-    locked: Mapping[str, float],
+    motion_of: MotionOf,
     dropped: frozenset[str],
     inertial: InertialOf,
 ) -> Chain:
@@ -57,8 +64,8 @@ def find_chain(
         Name of the link that is the ground; other branches there are ignored.
     tips : sequence of str
         Names of links.
-    locked : mapping
-        Positions of joints that are fixed [rad or m].
+    motion_of : callable
+        Returns the motion of a joint: fixed joints are no part of the chain.
     dropped : set
         Joints outside the chain that are left out with all links behind them.
     inertial : callable
@@ -71,30 +78,27 @@ def find_chain(
     """
     segments: list[Segment] = []
     bodies: list[list[Inertial]] = []
-    on_path = {step.name for tip in tips for step in _path(urdf, base, tip)}
+    on_path = {step.name: step for tip in tips for step in _path(urdf, base, tip)}
     # the segment of each link, and the pose of the link in its frame
     found: dict[str, tuple[int, Pose]] = {base: (-1, identity_pose())}
-    left = [joint for joint in urdf.joints.values() if joint.name in on_path]
+    left = {name: joint for name, joint in urdf.joints.items() if name in on_path}
     while left:
-        step = next(joint for joint in left if joint.parent in found)
-        left.remove(step)
+        step = _next(left, found, motion_of)
+        del left[step.name]
         last, here = found[step.parent]
-        if not step.movable or step.name in locked:
-            here = here @ fixed_pose(urdf, step, locked)
+        motion = motion_of(step)
+        pose = here @ joint_pose(urdf, step, 0.0 if motion.own else motion.offset)
+        if motion.fixed:
+            here = pose
         else:
-            _check_type(
-                urdf,
-                step,
-                [segment.joint.name for segment in segments if urdf.mimic(segment.joint) is None],
-            )
-            mimic = urdf.mimic(step)
-            origin = here @ (urdf.origin(step) if mimic is None else _pose_at(urdf, step, mimic[3]))
-            segments.append(Segment(step, urdf.links[step.child], origin, last))
+            _check_type(urdf, step)
+            check_leaders(urdf, step, motion, on_path)
+            segments.append(Segment(step, motion, urdf.links[step.child], pose, last))
             bodies.append([])
             last, here = len(segments) - 1, identity_pose()
         if last >= 0:
             bodies[last] += _collect_fixed(
-                urdf, step.child, here, on_path, locked, dropped, inertial
+                urdf, step.child, here, on_path, motion_of, dropped, inertial
             )
         found[step.child] = last, here
     for tip in tips:
@@ -105,6 +109,15 @@ def find_chain(
     carrier, pose = found[tips[0]]
     whole = (replace(one, body=lump_bodies(own)) for one, own in zip(segments, bodies, strict=True))
     return Chain(tuple(whole), pose, carrier)
+
+
+def _next(left: Mapping[str, Joint], found: Collection[str], motion_of: MotionOf) -> Joint:
+    """The next joint whose parent link is found; if possible one that follows none that is left."""
+    ready = [joint for joint in left.values() if joint.parent in found]
+    for joint in ready:
+        if not any(name in left for name in motion_of(joint).joints if name != joint.name):
+            return joint
+    return ready[0]  # it follows a joint behind it
 
 
 def lump_bodies(bodies: list[Inertial]) -> Inertial | None:
@@ -123,12 +136,7 @@ def lump_bodies(bodies: list[Inertial]) -> Inertial | None:
     return Inertial(mass, com, inertia, any(body.reduced for body in bodies))
 
 
-def fixed_pose(urdf: Urdf, joint: Joint, locked: Mapping[str, float]) -> Pose:
-    """Pose of the child link in the parent link, for a joint that is fixed or locked."""
-    return _pose_at(urdf, joint, locked.get(joint.name, 0.0))
-
-
-def _pose_at(urdf: Urdf, joint: Joint, value: float) -> Pose:
+def joint_pose(urdf: Urdf, joint: Joint, value: float) -> Pose:
     """Pose of the child link in the parent link at a position of the joint [rad or m]."""
     pose = urdf.origin(joint)
     if value == 0.0:
@@ -161,29 +169,18 @@ def _path(urdf: Urdf, base: str, tip: str) -> list[Joint]:
     return out[::-1]
 
 
-def _check_type(urdf: Urdf, joint: Joint, before: Sequence[str]) -> None:
-    lock = f"(or in the overlay: [urdf] lock = {{ {bare(joint.name)} = 0.0 }})"
+def _check_type(urdf: Urdf, joint: Joint) -> None:
     if joint.type not in MOVING:
         expected = "revolute, continuous, prismatic or fixed"
         urdf.fail(joint.node.line, f"{key('joint', joint.name)}.type", show(joint.type), expected)
-    mimic = urdf.mimic(joint)
-    if mimic is not None and mimic[1] not in before:
-        given, there = (
-            f"a joint that mimics {show(mimic[1])}",
-            ", ".join(map(show, before)) or "none",
-        )
-        expected = (
-            f"a joint of the chain that stands before it and mimics no other one ({there}) {lock}"
-        )
-        urdf.fail(mimic[0], f"{key('joint', joint.name)}.mimic", given, expected)
 
 
 def _collect_fixed(
     urdf: Urdf,
     name: str,
     pose: Pose,
-    on_path: set[str],
-    locked: Mapping[str, float],
+    on_path: Collection[str],
+    motion_of: MotionOf,
     dropped: frozenset[str],
     inertial: InertialOf,
 ) -> list[Inertial]:
@@ -198,9 +195,10 @@ def _collect_fixed(
         for joint in urdf.child_joints[name]:
             if joint.name in on_path or joint.name in dropped:
                 continue
-            if joint.movable and joint.name not in locked:
+            motion = motion_of(joint)
+            if not motion.fixed:
                 raise _loose(urdf, joint)
-            todo.append((joint.child, pose @ fixed_pose(urdf, joint, locked)))
+            todo.append((joint.child, pose @ joint_pose(urdf, joint, motion.offset)))
     return out
 
 

@@ -416,11 +416,11 @@ def known(of: Callable[[Context], Sequence[str]]) -> Type:
     return Type(read_known, {"type": "string"})
 
 
-def words() -> Type:
-    """A name or a list of different names."""
-    several = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
+def words(least: int = 1) -> Type:
+    """A name or a list of at least so many different names."""
+    several = {"type": "array", "items": {"type": "string"}, "minItems": least, "uniqueItems": True}
     return Type(
-        lambda table, key, here: tuple(table.words(key.name)),
+        lambda table, key, here: tuple(table.words(key.name, least)),
         {"anyOf": [{"type": "string"}, several]},
     )
 

@@ -308,13 +308,13 @@ class Table:
             raise self.fail(key, "a name that is not taken yet")
         return name
 
-    def words(self, key: str) -> list[str]:
-        """A list of different strings, not empty; a single string is read as a list of one."""
+    def words(self, key: str, least: int = 1) -> list[str]:
+        """A list of at least so many different strings; a single one is read as a list of one."""
         expected = "a name or a list of different names"
         value = self._get(key, expected)
         words = [item.value for item in value] if isinstance(value, list) else [value]
         if (
-            not words
+            len(words) < least
             or not all(isinstance(word, str) for word in words)
             or len(set(words)) < len(words)
         ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,12 +16,25 @@ def toml(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return "".join(map(_visible, json.dumps(value, ensure_ascii=False)))
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
+        return "{ " + ", ".join(f"{toml_key(k)} = {toml(item)}" for k, item in value.items()) + " }"
     if isinstance(value, (list, tuple, np.ndarray)):
         return "[" + ", ".join(map(toml, value)) + "]"
     return exact(float(value))
+
+
+def toml_key(key: str) -> str:
+    """A key in TOML, in quotes unless it consists of letters, digits, underscores and dashes."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key, re.ASCII) else toml(key)
+
+
+def _visible(character: str) -> str:
+    """A character of a text, escaped if an editor does not show it or turns others around it."""
+    if character.isprintable():
+        return character
+    code = ord(character)
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 def exact(value: float) -> str:

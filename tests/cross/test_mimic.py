@@ -281,7 +281,8 @@ def test_recursions_of_random_mechanisms_are_lagranges_equations():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = { q1 = -1.0, q4 = -1.0 }"), r"mimic.*q4"),
+        (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = { q1 = -1.0, q3 = -1.0 }"), r"mimic.*q3"),
+        (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = { q1 = -1.0, q9 = -1.0 }"), r"mimic.*q9"),
         (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = {}"), r"mimic.*at least one"),
         (
             (

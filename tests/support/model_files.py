@@ -326,7 +326,9 @@ def dump(value: Any) -> Any:
     """Plain data with every field, class and bit of a number."""
     if dataclasses.is_dataclass(value):
         fields = {
-            field.name: dump(getattr(value, field.name)) for field in dataclasses.fields(value)
+            field.name: dump(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+            if field.name != "urdf_joints"  # no data of the robot
         }
         return [type(value).__name__, fields]
     if isinstance(value, list | tuple):

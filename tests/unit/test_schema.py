@@ -108,7 +108,7 @@ def recorded(monkeypatch):
     def expanded(root, folder, shown):
         # before the URDF file takes its place
         trees.append(Entry(dict(root.value), root.line, root.file))
-        expand(root, folder, shown)
+        return expand(root, folder, shown)
 
     monkeypatch.setattr(Table, "only", recording)
     monkeypatch.setattr(reader, "parse_file", parsed)
