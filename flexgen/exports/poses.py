@@ -31,6 +31,13 @@ def frame_about(axis: np.ndarray) -> np.ndarray:
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
+def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
+    """The rotation about a unit vector by an angle [rad]: ``1 + sin(a) [n] + (1 - cos(a)) [n]^2``."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+
+
 def roll_pitch_yaw(R: np.ndarray) -> np.ndarray:
     """Angles with ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [rad]; at a pitch of 90 degrees with an arbitrary yaw.
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,9 +26,9 @@ from flexgen.atomic_files import follow_links, staging_folder, unwritable, write
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.exported import Exported, exported
 from flexgen.exports.overlay_tables import beam_or_drag, output_table, sensor_table
-from flexgen.exports.poses import roll_pitch_yaw
+from flexgen.exports.poses import roll_pitch_yaw, rotation_about
 from flexgen.exports.xml_text import add, document
-from flexgen.model.elements import Body, Dof, Element, RobotModel
+from flexgen.model.elements import Body, Dof, Element, RobotModel, UrdfJoint
 from flexgen.model.format import MODEL, UNCERTAINTY
 from flexgen.model.format_devices import MOTOR
 from flexgen.model.format_robot import BODY, DOF, PLACEMENT
@@ -44,6 +44,7 @@ from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 
 UNLIMITED = 1e6  # URDF demands limits of some joints: in their place where the model has none
+ROUNDING = 1e-15  # of a sine or cosine that is zero
 _WRITTEN_BY = ", written by flexgen "  # in the first line of an overlay
 
 
@@ -53,7 +54,7 @@ class Step:
 
     ``dof``: the joint (its axis in the axes of the link), None for a fixed one; ``before``, ``after``: degrees of
     freedom that are in the overlay only; ``position``, ``rotation``: pose of the joint in the link before;
-    ``body``: in the frame of the link.
+    ``body``: in the frame of the link. ``mimic``: of the URDF file, where a mechanism moves the joint.
     """
 
     link: str
@@ -65,6 +66,23 @@ class Step:
     rotation: np.ndarray
     body: Body
     parent: str  # the link before; empty: the ground
+    mimic: UrdfMimic | None = None
+
+
+@dataclass(frozen=True)
+class UrdfMimic:
+    """A joint that follows another one, ``factor q + offset`` [rad or m], and its limits.
+
+    ``lower``, ``upper`` [rad or m]; None where the joint that it follows has none.
+    """
+
+    joint: str
+    factor: float
+    offset: float
+    lower: float | None
+    upper: float | None
+    speed_max: float | None
+    effort: float | None
 
 
 @checked_types
@@ -111,7 +129,7 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     overlay = path.with_suffix(".toml")
     try:
         _check_targets(robot, path, overlay)
-        steps = _steps(robot)
+        steps = _follow(robot, _steps(robot))
         text = urdf_text(robot, steps)
         follow_links(path.parent).mkdir(parents=True, exist_ok=True)
         # read back what is written before it takes the place of others
@@ -248,6 +266,59 @@ def _groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[D
     return out
 
 
+def _follow(model: RobotModel, steps: list[Step]) -> list[Step]:
+    """The steps, those with a joint that follows another one of the file as in its URDF file."""
+    joints = {step.dof.name for step in steps if step.dof}
+    # sums of several, and elastic ones that are rigid in the file, are in the overlay only
+    return [
+        _as_follower(model, step, step.dof)
+        if step.dof is not None and len(step.dof.mimic) == 1 and step.dof.mimic[0][0] in joints
+        else step
+        for step in steps
+    ]
+
+
+def _as_follower(model: RobotModel, step: Step, dof: Dof) -> Step:
+    """A step whose joint follows another one, with the zero, the offset and the limits of its URDF file.
+
+    The model has the offset in the pose of the joint. Without a URDF file the joint has no offset, and the limits are
+    those that the other one gives it.
+    """
+    (name, factor), source = dof.mimic[0], model.urdf_joints.get(dof.name)
+    leader = next(c.dof for c in model.coordinates if c.name == name)
+    assert leader is not None
+    source = UrdfJoint(dof.name) if source is None else source
+    lower, upper, speed = _range_of_follower(leader, factor, source.offset)
+    if lower is not None and upper is not None and source.lower is not None:
+        lower, upper = source.lower, source.upper
+    mimic = UrdfMimic(
+        name, factor, source.offset, lower, upper, source.speed_max or speed, source.effort
+    )
+    if source.offset == 0.0:
+        return replace(step, mimic=mimic)
+    axis = np.array(dof.axis)
+    if dof.type == "rotation":
+        turn = step.rotation @ rotation_about(axis, -source.offset)
+        turn[np.abs(turn) < ROUNDING] = 0.0
+        return replace(step, mimic=mimic, rotation=turn)
+    shift = step.position - step.rotation @ axis * source.offset
+    return replace(step, mimic=mimic, position=shift)
+
+
+def _range_of_follower(
+    leader: Dof, factor: float, offset: float
+) -> tuple[float | None, float | None, float | None]:
+    """Limits of a joint that follows another one: both positions or none, and the speed."""
+    speed = None if leader.speed_max is None else abs(factor) * leader.speed_max
+    if leader.lower is None and leader.upper is None and leader.type == "rotation":
+        return None, None, speed
+    ends = (
+        -UNLIMITED if leader.lower is None else factor * leader.lower + offset,
+        UNLIMITED if leader.upper is None else factor * leader.upper + offset,
+    )
+    return min(ends), max(ends), speed
+
+
 def _new_name(stem: str, taken: Iterable[str]) -> str:
     """An identifier that is not taken."""
     name, k = stem[:27].rstrip("_").replace("__", "_"), 2
@@ -267,9 +338,9 @@ def urdf_text(model: RobotModel, steps: list[Step]) -> str:
     )
     ground = _ground(steps)
     add(root, "link", name=ground)
-    efforts, joints = _efforts(model), {step.dof.name for step in steps if step.dof}
+    efforts = _efforts(model)
     for step in steps:
-        _joint(root, step, step.parent or ground, efforts, joints)
+        _joint(root, step, step.parent or ground, efforts)
         link = add(root, "link", name=step.link)
         if step.body.mass > 0.0:
             inertial = add(link, "inertial")
@@ -285,11 +356,12 @@ def _joint(
     step: Step,
     parent: str,
     efforts: Mapping[str, float],
-    joints: Collection[str],
 ) -> None:
-    dof = step.dof
+    dof, mimic = step.dof, step.mimic
     turns = dof is not None and dof.type == "rotation"
     ends = (None, None) if dof is None else (dof.lower, dof.upper)
+    if mimic is not None:
+        ends = mimic.lower, mimic.upper
     kind = (
         "fixed"
         if dof is None
@@ -304,17 +376,18 @@ def _joint(
     if dof is None:
         return
     add(joint, "axis", xyz=dof.axis)
-    limit = add(
-        joint, "limit", effort=efforts.get(dof.name, UNLIMITED), velocity=dof.speed_max or UNLIMITED
-    )
+    effort, velocity = efforts.get(dof.name, UNLIMITED), dof.speed_max or UNLIMITED
+    if mimic is not None:
+        effort, velocity = mimic.effort or UNLIMITED, mimic.speed_max or UNLIMITED
+    limit = add(joint, "limit", effort=effort, velocity=velocity)
     if kind != "continuous":
         for side, value, none in zip(
             ("lower", "upper"), ends, (-UNLIMITED, UNLIMITED), strict=True
         ):
             limit.set(side, repr(none if value is None else value))
-    # sums of several, and elastic ones, are in the overlay only
-    if len(dof.mimic) == 1 and dof.mimic[0][0] in joints:
-        add(joint, "mimic", joint=dof.mimic[0][0], multiplier=dof.mimic[0][1])
+    if mimic is not None:
+        offset = {"offset": mimic.offset} if mimic.offset else {}
+        add(joint, "mimic", joint=mimic.joint, multiplier=mimic.factor, **offset)
     if dof.friction.viscous or dof.friction.coulomb:
         add(joint, "dynamics", damping=dof.friction.viscous, friction=dof.friction.coulomb)
 

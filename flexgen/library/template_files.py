@@ -73,5 +73,11 @@ def xml_text(text: str) -> str:
 
 
 def yaml_text(text: str) -> str:
-    """A string of YAML in double quotes; a string of JSON is one."""
-    return json.dumps(text)
+    """A string of YAML in double quotes, in ASCII."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    return "".join(c if " " <= c <= "~" else _escape(ord(c)) for c in quoted)
+
+
+def _escape(code: int) -> str:
+    """A character of a string of YAML by its number."""
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

@@ -6,6 +6,7 @@ follow from the springs of the gears, and, where the output is prescribed, ``Gam
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -139,20 +140,33 @@ def hold_joints(
     equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = None
 ) -> Equilibrium:
     """Equilibrium with the actuated coordinates at ``q_g``; the others are searched from ``q_e``, default zero."""
+    return holding(equations)(q_g, q_e)
+
+
+def holding(
+    equations: Equations,
+) -> Callable[[np.ndarray, np.ndarray | None], Equilibrium]:
+    """The function `hold_joints` of one robot, for many poses."""
     model = equations.model
-    q = np.zeros(model.n_a)
-    q[list(model.i_g)] = q_g
     i_e = list(model.i_e)
-    if q_e is not None:
-        q[i_e] = q_e
+    newton = None
     if i_e:
         symbol = equations.lagrangian.chain.q_a
         rows = balance(equations)
         newton = ca.Function(
             "equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol[i_e]))]
         )
-        q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[i_e]
-    return equilibrium_at(equations, q)
+
+    def hold(q_g: np.ndarray, q_e: np.ndarray | None = None) -> Equilibrium:
+        q = np.zeros(model.n_a)
+        q[list(model.i_g)] = q_g
+        if q_e is not None:
+            q[i_e] = q_e
+        if newton is not None:
+            q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[i_e]
+        return equilibrium_at(equations, q)
+
+    return hold
 
 
 def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> Equilibrium:

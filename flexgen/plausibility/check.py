@@ -28,7 +28,7 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
     ----------
     model : name, path, RobotModel or Equations
     motions : bool
-        Also check the range and the speeds of each move.
+        Also check the range and the speeds of each move, and springs and motors at its poses.
 
     Returns
     -------
@@ -79,5 +79,5 @@ def _compare(equations: Equations, motions: bool) -> Check:
     if not any(finding.key == "home" for finding in findings):
         findings.append(report_overdamped(poles(linearize(equations, rest)), SLOW))
     if motions:
-        findings += moves(equations)
+        findings += moves(equations, findings)
     return Check(robot.title, tuple(findings))

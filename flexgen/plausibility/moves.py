@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.statics import holding
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import steepness
 from flexgen.model.moves import Move
+from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import CHECKED, FEWEST, Path, joints_along
-from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, make_finding
-from flexgen.plausibility.numbers import MOVE_SPEED, MOVE_SPEED_TRANSLATION, REVERSAL
+from flexgen.plausibility.finding import ERROR, MARKS, OK, UNUSUAL, Finding, make_finding
+from flexgen.plausibility.numbers import (
+    HOME,
+    MOVE_SPEED,
+    MOVE_SPEED_TRANSLATION,
+    REVERSAL,
+    standing,
+)
 
 SAMPLE = 1e-3  # s: usual sample time of drives and controllers
+POSES = 5  # of a move, at which springs and the torques that hold the arm are checked
 
 # Advice for an output that no torques can make follow a path.
 FEWER = (
@@ -24,8 +33,8 @@ FEWER = (
 )
 
 
-def moves(equations: Equations) -> Iterator[Finding]:
-    """The findings of all moves and programs."""
+def moves(equations: Equations, home: Sequence[Finding] = ()) -> Iterator[Finding]:
+    """The findings of all moves and programs; ``home``: those of the pose at home, which are not repeated."""
     robot = equations.model
     if robot.output.size > robot.n_m:
         yield Finding(
@@ -39,6 +48,7 @@ def moves(equations: Equations) -> Iterator[Finding]:
         )
         return
     changes = np.zeros(robot.n_m)
+    still = _Still(equations, {(one.key, _plain(one)): _size(one) for one in home})
     for move in (*robot.moves, *robot.programs):
         key = f"{'program' if move in robot.programs else 'move'}.{move.name}"
         try:
@@ -63,7 +73,55 @@ def moves(equations: Equations) -> Iterator[Finding]:
         yield _range(robot, key, found[0])
         yield from _speeds(robot, key, found[1])
         changes = np.maximum(changes, found[2])
+        yield from still.findings(key, found[0])
     yield from _reversals(robot, changes)
+
+
+def _plain(finding: Finding) -> str:
+    """The quantity of a finding without the place at which it was found."""
+    return finding.quantity.partition(f" {HOME}")[0].partition(" in the ")[0]
+
+
+def _size(finding: Finding) -> tuple[int, float]:
+    """Mark and distance of a finding, larger for worse ones."""
+    return MARKS.index(finding.mark), finding.distance
+
+
+class _Still:
+    """Springs and motors that hold the arm at poses of the moves."""
+
+    def __init__(
+        self, equations: Equations, known: dict[tuple[str, str], tuple[int, float]]
+    ) -> None:
+        self.equations, self.known = equations, known
+        self.hold = holding(equations)
+        self.mass_matrix = equations.function("mass_matrix")
+
+    def findings(self, key: str, q_g: np.ndarray) -> Iterator[Finding]:
+        """What has a worse mark at a pose of the move than before; else that nothing has."""
+        kind, _, name = key.partition(".")
+        robot, worst = self.equations.model, dict[tuple[str, str], Finding]()
+        rows = np.linspace(0, len(q_g) - 1, min(POSES, len(q_g))).round().astype(int)
+        for pose in q_g[rows]:
+            try:
+                rest = self.hold(pose, None)
+            except FlexgenError as error:
+                advice = "stiffness of the springs without motor, masses, gravity"
+                text = "equilibrium at a pose of it"
+                yield Finding(ERROR, key, text, str(error), "one", advice, 9.0)
+                return
+            M = evaluate(self.mass_matrix, rest.q_a)[0].reshape(robot.n_a, robot.n_a)
+            for finding in standing(robot, M, rest, f"in the {kind} {name}"):
+                place = finding.key, _plain(finding)
+                before = self.known.get(place, (0, 0.0))
+                farther = place not in worst or _size(finding) > _size(worst[place])
+                if farther and _size(finding)[0] > before[0]:
+                    worst[place] = finding
+        self.known |= {place: _size(finding) for place, finding in worst.items()}
+        yield from worst.values()
+        if not worst:
+            text = "springs, and motors that hold it"
+            yield Finding(OK, key, text, f"as at home at {len(rows)} poses", "as at home")
 
 
 def _joints(equations: Equations, move: Move) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

@@ -44,6 +44,7 @@ SHARE = Usual(0.0, 5.0, 0.0, 200.0)  # mass of a body to that of all others
 GRAVITY = Usual(0.0, 30.0, 0.0, 300.0)  # m/s^2
 LENGTH = Usual(1e-3, 100.0, 1e-5, 1e4)  # m, of the chain
 STEEL = 7850.0  # kg/m^3
+HOME = "at home"
 
 
 def stiffness(spring: Spring) -> tuple[float, str]:
@@ -65,13 +66,24 @@ def drives(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Find
             yield from _ratio_findings(motor, robot.coordinates[i], ratio, M[i, i])
         yield from _speeds(robot, motor)
         yield from _friction(motor)
-        load = abs(float(rest.tau_m[j]))
-        if motor.torque_max and load > 1e-9 * motor.torque_max:
-            text = "torque of the motor to that of gravity at home"
-            advice = "torque_max is at the motor, not at the joint; or ratio, masses, gravity"
-            yield make_finding(
-                f"motor.{motor.name}.torque_max", text, motor.torque_max / load, "", TORQUE, advice
-            )
+        yield from _holding(motor, abs(float(rest.tau_m[j])), HOME)
+
+
+def _holding(motor: Motor, load: float, where: str) -> Iterator[Finding]:
+    """The largest torque of a motor against the one that holds the arm [N m]."""
+    if motor.torque_max and load > 1e-9 * motor.torque_max:
+        text = f"torque of the motor to that of gravity {where}"
+        advice = "torque_max is at the motor, not at the joint; or ratio, masses, gravity"
+        yield make_finding(
+            f"motor.{motor.name}.torque_max", text, motor.torque_max / load, "", TORQUE, advice
+        )
+
+
+def standing(robot: RobotModel, M: np.ndarray, rest: Equilibrium, where: str) -> Iterator[Finding]:
+    """What depends on the pose: motors that hold the arm, and springs."""
+    for j, motor in enumerate(robot.motors):
+        yield from _holding(motor, abs(float(rest.tau_m[j])), where)
+    yield from springs(robot, M, rest, where)
 
 
 def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -> Iterator[Finding]:
@@ -148,7 +160,9 @@ def _speeds(robot: RobotModel, motor: Motor) -> Iterator[Finding]:
             )
 
 
-def springs(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Finding]:
+def springs(
+    robot: RobotModel, M: np.ndarray, rest: Equilibrium, where: str = HOME
+) -> Iterator[Finding]:
     """Natural frequency, damping ratio and static deflection of each spring, all other coordinates locked."""
     gear_of = {
         i: (g, *gear) for g, (i, gear) in enumerate(zip(robot.i_g, gears(robot), strict=True))
@@ -175,13 +189,17 @@ def springs(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Fin
             K = stiffness(spring)[0]
             deflection = float(rest.q_a[i])
         if K > 0.0:
-            yield from _spring(
-                joint, key, stiffness(spring)[1], (K, damping * factor, inertia, abs(deflection))
-            )
+            name = stiffness(spring)[1]
+            numbers = K, damping * factor, inertia, abs(deflection)
+            yield from _spring(joint, key, name, numbers, where)
 
 
 def _spring(
-    joint: Coordinate, key: str, name: str, numbers: tuple[float, float, float, float]
+    joint: Coordinate,
+    key: str,
+    name: str,
+    numbers: tuple[float, float, float, float],
+    where: str,
 ) -> Iterator[Finding]:
     """Findings for one spring: stiffness, damping and inertia on the arm side, and the deflection under gravity."""
     K, D, inertia, deflection = numbers
@@ -196,21 +214,21 @@ def _spring(
         f"stiffness in {unit}{by_degree}; side of the gear; masses and inertias",
     )
     frequency = math.sqrt(K / inertia) / (2 * math.pi)
-    yield make_finding(place, "lowest mode of the spring", frequency, "Hz", FREQUENCY, advice)
+    at = "" if where == HOME else f" {where}"
+    text = f"lowest mode of the spring{at}"
+    yield make_finding(place, text, frequency, "Hz", FREQUENCY, advice)
     usual = SAG if joint.unit == "rad" else SAG_TRANSLATION
     if deflection > 0.0:
         yield make_finding(
-            place, "deflection by gravity at home", deflection, joint.unit, usual, advice
+            place, f"deflection by gravity {where}", deflection, joint.unit, usual, advice
         )
     ratio = D / (2.0 * math.sqrt(K * inertia))
     advice = f"damping in {unit.replace('/', ' s/')} on the side of the spring, or the stiffness"
     if D == 0.0:
-        text = "0: no damping"
-        yield Finding(
-            UNUSUAL, f"{key}.damping", "damping ratio of the spring", text, str(DAMPING), advice
-        )
+        text, ratio_text = "0: no damping", f"damping ratio of the spring{at}"
+        yield Finding(UNUSUAL, f"{key}.damping", ratio_text, text, str(DAMPING), advice)
         return
-    name = "damping ratio of the spring" + ", overdamped" * (ratio >= 1.0)
+    name = f"damping ratio of the spring{at}" + ", overdamped" * (ratio >= 1.0)
     yield make_finding(f"{key}.damping", name, ratio, "", DAMPING, advice)
 
 

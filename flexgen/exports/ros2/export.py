@@ -262,8 +262,8 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
         "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of ros2_control; its "
         "parameters are in `config/`,\n  `launch/` starts it.\n",
         "RATE": str(round(samples / options.period)),
-        "JOINTS": ", ".join(yaml_text(motor.name) for motor in model.motors),
-        "ONES": numbers([1.0] * n),
+        "JOINTS": ", ".join(yaml_text(name) for name, _ in _hardware(model)),
+        "RATIOS": numbers(ratio for _, ratio in _hardware(model)),
         "ZEROS": numbers([0.0] * n),
         "GAINS": _gains_text(gains, n),
         "TORQUE_MAX": numbers(largest),
@@ -278,6 +278,21 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
         "INTERVALS": str(options.intervals),
         "SAMPLES": str(samples),
     }
+
+
+def _hardware(model: RobotModel) -> list[tuple[str, float]]:
+    """Joint of the hardware and its gear ratio for each motor.
+
+    The joints of the URDF file, by their names in it, where each motor drives one of them; else the
+    motors themselves.
+    """
+    out = []
+    for motor in model.motors:
+        joint = model.urdf_joints.get(motor.drives[0])
+        if len(motor.drives) > 1 or joint is None:
+            return [(motor.name, 1.0) for motor in model.motors]
+        out.append((joint.name, motor.ratio[0]))
+    return out
 
 
 def _limits(model: RobotModel) -> dict[str, np.ndarray]:
