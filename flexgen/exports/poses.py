@@ -32,7 +32,7 @@ def frame_about(axis: np.ndarray) -> np.ndarray:
 
 
 def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
-    """The rotation about a unit vector by an angle [rad]: ``1 + sin(a) [n] + (1 - cos(a)) [n]^2``."""
+    """The rotation about a unit vector, ``1 + sin(a) [n] + (1 - cos(a)) [n]^2``, a in rad."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross

@@ -54,7 +54,7 @@ class Step:
 
     ``dof``: the joint (its axis in the axes of the link), None for a fixed one; ``before``, ``after``: degrees of
     freedom that are in the overlay only; ``position``, ``rotation``: pose of the joint in the link before;
-    ``body``: in the frame of the link. ``mimic``: of the URDF file, where a mechanism moves the joint.
+    ``body``: in the frame of the link. ``mimic``: of a joint that follows another one.
     """
 
     link: str
@@ -271,18 +271,18 @@ def _follow(model: RobotModel, steps: list[Step]) -> list[Step]:
     joints = {step.dof.name for step in steps if step.dof}
     # sums of several, and elastic ones that are rigid in the file, are in the overlay only
     return [
-        _as_follower(model, step, step.dof)
+        _follow_joint(model, step, step.dof)
         if step.dof is not None and len(step.dof.mimic) == 1 and step.dof.mimic[0][0] in joints
         else step
         for step in steps
     ]
 
 
-def _as_follower(model: RobotModel, step: Step, dof: Dof) -> Step:
-    """A step whose joint follows another one, with the zero, the offset and the limits of its URDF file.
+def _follow_joint(model: RobotModel, step: Step, dof: Dof) -> Step:
+    """A step whose joint follows another one, with the zero and the limits of its URDF file.
 
-    The model has the offset in the pose of the joint. Without a URDF file the joint has no offset, and the limits are
-    those that the other one gives it.
+    The model has the offset in the pose of the joint. Without a URDF file the joint has no offset,
+    and the limits are those that the other one gives it.
     """
     (name, factor), source = dof.mimic[0], model.urdf_joints.get(dof.name)
     leader = next(c.dof for c in model.coordinates if c.name == name)

@@ -140,10 +140,10 @@ def hold_joints(
     equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = None
 ) -> Equilibrium:
     """Equilibrium with the actuated coordinates at ``q_g``; the others are searched from ``q_e``, default zero."""
-    return holding(equations)(q_g, q_e)
+    return make_holder(equations)(q_g, q_e)
 
 
-def holding(
+def make_holder(
     equations: Equations,
 ) -> Callable[[np.ndarray, np.ndarray | None], Equilibrium]:
     """The function `hold_joints` of one robot, for many poses."""

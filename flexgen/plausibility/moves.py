@@ -8,7 +8,7 @@ import numpy as np
 
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import holding
+from flexgen.mechanics.statics import make_holder
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import steepness
 from flexgen.model.moves import Move
@@ -20,7 +20,7 @@ from flexgen.plausibility.numbers import (
     MOVE_SPEED,
     MOVE_SPEED_TRANSLATION,
     REVERSAL,
-    standing,
+    report_still,
 )
 
 SAMPLE = 1e-3  # s: usual sample time of drives and controllers
@@ -34,7 +34,7 @@ FEWER = (
 
 
 def moves(equations: Equations, home: Sequence[Finding] = ()) -> Iterator[Finding]:
-    """The findings of all moves and programs; ``home``: those of the pose at home, which are not repeated."""
+    """The findings of all moves and programs; those of the pose at ``home`` are not repeated."""
     robot = equations.model
     if robot.output.size > robot.n_m:
         yield Finding(
@@ -94,7 +94,7 @@ class _Still:
         self, equations: Equations, known: dict[tuple[str, str], tuple[int, float]]
     ) -> None:
         self.equations, self.known = equations, known
-        self.hold = holding(equations)
+        self.hold = make_holder(equations)
         self.mass_matrix = equations.function("mass_matrix")
 
     def findings(self, key: str, q_g: np.ndarray) -> Iterator[Finding]:
@@ -111,7 +111,7 @@ class _Still:
                 yield Finding(ERROR, key, text, str(error), "one", advice, 9.0)
                 return
             M = evaluate(self.mass_matrix, rest.q_a)[0].reshape(robot.n_a, robot.n_a)
-            for finding in standing(robot, M, rest, f"in the {kind} {name}"):
+            for finding in report_still(robot, M, rest, f"in the {kind} {name}"):
                 place = finding.key, _plain(finding)
                 before = self.known.get(place, (0, 0.0))
                 farther = place not in worst or _size(finding) > _size(worst[place])

@@ -66,10 +66,10 @@ def drives(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Find
             yield from _ratio_findings(motor, robot.coordinates[i], ratio, M[i, i])
         yield from _speeds(robot, motor)
         yield from _friction(motor)
-        yield from _holding(motor, abs(float(rest.tau_m[j])), HOME)
+        yield from _report_torque(motor, abs(float(rest.tau_m[j])), HOME)
 
 
-def _holding(motor: Motor, load: float, where: str) -> Iterator[Finding]:
+def _report_torque(motor: Motor, load: float, where: str) -> Iterator[Finding]:
     """The largest torque of a motor against the one that holds the arm [N m]."""
     if motor.torque_max and load > 1e-9 * motor.torque_max:
         text = f"torque of the motor to that of gravity {where}"
@@ -79,10 +79,12 @@ def _holding(motor: Motor, load: float, where: str) -> Iterator[Finding]:
         )
 
 
-def standing(robot: RobotModel, M: np.ndarray, rest: Equilibrium, where: str) -> Iterator[Finding]:
+def report_still(
+    robot: RobotModel, M: np.ndarray, rest: Equilibrium, where: str
+) -> Iterator[Finding]:
     """What depends on the pose: motors that hold the arm, and springs."""
     for j, motor in enumerate(robot.motors):
-        yield from _holding(motor, abs(float(rest.tau_m[j])), where)
+        yield from _report_torque(motor, abs(float(rest.tau_m[j])), where)
     yield from springs(robot, M, rest, where)
 
 

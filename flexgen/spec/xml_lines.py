@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Any
 from xml.etree.ElementTree import ParseError
@@ -12,6 +13,7 @@ from defusedxml.ElementTree import DefusedXMLParser
 from flexgen.spec.tables import show
 
 DEPTH = 64  # levels of nesting; those of URDF are four
+PREFIXES = 50  # that are declared in place of the file
 
 
 @dataclass
@@ -66,11 +68,43 @@ class MarkupError(Exception):
 def parse(raw: bytes) -> Node:
     """Parse the bytes of a URDF file into its root element.
 
+    Two faults that other readers of URDF accept are accepted too: prefixes that are not declared,
+    such as that of ``drake:acceleration``, and white space before ``<?xml``.
+
     Raises
     ------
     MarkupError
         The text is not XML, has a document type (which could declare entities), or is nested too deeply.
     """
+    try:
+        return _parse(raw)
+    except MarkupError:
+        mended = _declare_prefixes(_blank_declaration(raw))
+        if mended == raw:
+            raise
+        try:
+            return _parse(mended)
+        except MarkupError:
+            pass
+        raise
+
+
+def _blank_declaration(raw: bytes) -> bytes:
+    """The text without an XML declaration that follows white space; its lines stay."""
+    return re.sub(rb"\A(\s+)<\?xml[^<>]*\?>", rb"\1", raw)
+
+
+def _declare_prefixes(raw: bytes) -> bytes:
+    """The text with a declaration of all prefixes that it does not declare; its lines stay."""
+    used = set(re.findall(rb"[<\s]([A-Za-z_][A-Za-z0-9_.-]*):[A-Za-z_]", raw))
+    used -= {b"xml", b"xmlns", *re.findall(rb"xmlns:([A-Za-z_][A-Za-z0-9_.-]*)\s*=", raw)}
+    names = sorted(used)[:PREFIXES]
+    declared = b"".join(b' xmlns:%b="urn:undeclared"' % name for name in names)
+    return re.sub(rb"<robot(?=[\s>/])", lambda found: found[0] + declared, raw, count=1)
+
+
+def _parse(raw: bytes) -> Node:
+    """Parse the bytes of an XML file."""
     tree = _Tree()
     parser = DefusedXMLParser(
         target=tree, forbid_dtd=True, forbid_entities=True, forbid_external=True

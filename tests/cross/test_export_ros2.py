@@ -13,6 +13,7 @@ import sysconfig
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.selftest.motion import targets
 from flexgen.loop.controllers import Cascade
 from flexgen.mechanics.statics import hold_joints
+from flexgen.templates.new_model import new_model
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "ros2_stubs"
 STRICT = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-O0"]
@@ -872,3 +874,37 @@ def test_cmake_builds_the_plugin_and_the_controller(package, pushed, served, tmp
         "controller_interface controller_plugin.xml",
         "ament_package",
     ]
+
+
+def test_an_overlay_has_the_joints_of_its_urdf_file_and_the_ratios(tmp_path):
+    """By their names there, whatever these are; motors of two joints keep their own names."""
+    yaml = pytest.importorskip("yaml")
+    odd = 'panda/joint 1\U0001f916: "a"'
+    text = '<robot name="r"><link name="base"/>'
+    for name, parent, child in ((odd, "base", "l1"), ("j-2", "l1", "tip")):
+        text += f'<link name="{child}"><inertial><origin xyz=".2 0 0"/><mass value="2"/>'
+        text += '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        text += f'<joint name={quoteattr(name)} type="continuous"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/><origin xyz=".4 0 0"/><axis xyz="0 1 0"/></joint>'
+    (tmp_path / "arm.urdf").write_text(f"{text}</robot>", encoding="utf-8")
+    overlay = tmp_path / "arm.toml"
+    lines = new_model("arm", urdf=str(tmp_path / "arm.urdf"), folder=tmp_path)
+    overlay.write_text(lines, encoding="utf-8")
+
+    def parameters(folder):
+        flexgen.export_ros2(overlay, folder, gains=None)
+        config = yaml.safe_load((folder / "config" / "controller.yaml").read_text())
+        return config["stream_controller"]["ros__parameters"]
+
+    found = parameters(tmp_path / "ros2")
+    assert (found["joints"], found["gear_ratio"]) == ([odd, "j-2"], [100.0, 100.0])
+    sources = (tmp_path / "ros2").rglob("*.[ch]pp")
+    assert not any("panda/" in file.read_text(encoding="utf-8") for file in sources)
+    first, second = (motor.drives[0] for motor in flexgen.read(overlay).motors)
+    lines = re.sub(r"motor = \{ inertia.*", "", lines)
+    for name, ratio in (("a", 50), ("b", -50)):
+        lines += f'\n[[motor]]\nname = "{name}"\ndrives = ["{first}", "{second}"]\n'
+        lines += f"ratio = [100, {ratio}]\ninertia = 1e-4\n"
+    overlay.write_text(lines, encoding="utf-8")
+    found = parameters(tmp_path / "coupled")
+    assert (found["joints"], found["gear_ratio"]) == (["a", "b"], [1.0, 1.0])

@@ -469,3 +469,96 @@ def test_the_degrees_of_freedom_of_an_element_have_one_motor_in_a_group(motors):
     for before, own, after in groups:
         assert not any(dof.actuated for dof in (*before, *after))
         assert own is None if not dofs else own.actuated == ("1" in motors)
+
+
+# --- joints that follow others --------------------------------------------------------------------
+
+FOLLOWERS = """
+<robot name="r"><link name="base"/>
+<link name="l1">{body}</link><link name="l2">{body}</link><link name="tip">{body}</link>
+<joint name="j1" type="{kind}"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>{limit}</joint>
+<joint name="j2" type="{kind}"><parent link="l1"/><child link="l2"/><origin xyz=".4 0 0" rpy="1 0 0"/>
+<axis xyz="0 1 0"/>{limit}<mimic joint="j1" multiplier="-2" offset="0.1"/></joint>
+<joint name="j3" type="prismatic"><parent link="l2"/><child link="tip"/><origin xyz=".3 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-0.4" upper="0.6" effort="7" velocity="0.5"/>{last}</joint></robot>
+"""
+BODY_OF_ALL = """<inertial><origin xyz=".2 0 0.1"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.2" izz="0.15" ixy="0.01" ixz="0" iyz="0"/></inertial>"""
+LIMIT_OF_ALL = '<limit lower="-3" upper="3" effort="10" velocity="2"/>'
+LAST = '<mimic joint="j1" multiplier="0.1" offset="0.2"/>'
+
+
+def followers(folder: Path, kind: str, last: str) -> RobotModel:
+    """Two joints that follow the first one, with an elastic gear; or one where that one is free."""
+    text = FOLLOWERS.format(body=BODY_OF_ALL, limit=LIMIT_OF_ALL, kind=kind, last=last)
+    (folder / "source.urdf").write_text(text)
+    (folder / "source.toml").write_text(
+        '[urdf]\nfile = "source.urdf"\nbase = "base"\ntip = "tip"\n[joint.j1]\n'
+        "motor = { ratio = 50, inertia = 1e-4 }\n"
+        'gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 2e3 } }\n'
+    )
+    return flexgen.read(folder / "source.toml")
+
+
+def mimic_difference(model: RobotModel, path: Path) -> float:
+    """Largest relative difference of inertia, bias and tool from Pinocchio, which reads <mimic>."""
+    robot = pin.buildModelFromUrdf(str(path), mimic=True)
+    data, equations = robot.createData(), flexgen.derive(model)
+    at = [robot.joints[robot.getJointId(c.name)].idx_v for c in model.coordinates]
+    assert robot.nv == model.n_a
+    rng, worst = np.random.default_rng(3), 0.0
+    for _ in range(3):
+        q, v = rng.uniform(-1.0, 1.0, (2, model.n_a))
+        full = np.zeros((2, robot.nv))
+        full[:, at] = q, v
+        place = pin.integrate(robot, pin.neutral(robot), full[0])
+        # Pinocchio 4.1 adds to the matrix of the call before where a joint follows another one
+        M = np.triu(pin.crba(robot, robot.createData(), place))
+        M = (M + np.triu(M, 1).T)[np.ix_(at, at)]
+        h = pin.rnea(robot, data, place, full[1], np.zeros(robot.nv))[at]
+        pin.framesForwardKinematics(robot, data, place)
+        tool = data.oMf[robot.getFrameId("tip")].translation
+        for name, at_state, expected in (
+            ("mass_matrix", (q,), M),
+            ("bias", (q, v), h),
+            ("forward_kinematics", (q,), tool),
+        ):
+            found = np.array(equations.function(name).call(at_state)[0]).reshape(expected.shape)
+            worst = max(worst, float(np.abs(found - expected).max() / np.abs(expected).max()))
+    return worst
+
+
+@pytest.mark.parametrize(("kind", "last"), [("revolute", LAST), ("continuous", "")])
+def test_pinocchio_reads_joints_that_follow_others(tmp_path, kind, last):
+    """Planted: a multiplier and an offset that are wrong."""
+    model, path = followers(tmp_path, kind, last), tmp_path / "out.urdf"
+    flexgen.export_urdf(model, path)
+    text = path.read_text()
+    assert mimic_difference(model, path) < RIGID
+    for change in (('multiplier="-2"', 'multiplier="-2.01"'), ('offset="0.1"', 'offset="0.11"')):
+        path.write_text(text.replace(*change))
+        assert mimic_difference(model, path) > 1e-4
+
+
+def test_a_joint_that_follows_another_one_keeps_zero_offset_and_limits(tmp_path):
+    path = tmp_path / "out.urdf"
+    written = flexgen.export_urdf(followers(tmp_path, "revolute", LAST), path)
+    robot, source = (pin.buildModelFromUrdf(str(file)) for file in (path, tmp_path / "source.urdf"))
+    for name in ("j2", "j3"):
+        ours, theirs = (one.jointPlacements[one.getJointId(name)] for one in (robot, source))
+        np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, atol=1e-15)
+    for limits in ("lowerPositionLimit", "upperPositionLimit"):
+        np.testing.assert_array_equal(getattr(robot, limits), getattr(source, limits))
+    again = flexgen.read(written.details["overlay"])
+    assert difference(flexgen.read(tmp_path / "source.toml"), again) < 1e-9
+
+
+def test_a_joint_that_follows_another_one_without_a_urdf_file_has_the_limits_of_that_one(tmp_path):
+    followers(tmp_path, "revolute", LAST)
+    flexgen.export_urdf(tmp_path / "source.toml", tmp_path / "out.urdf")
+    robot = flexgen.read(tmp_path / "source.toml")
+    flexgen.export_urdf(replace(robot, urdf_joints={}), tmp_path / "other.urdf")
+    text = (tmp_path / "other.urdf").read_text()
+    assert 'lower="-6.0" upper="6.0"' in text  # twice as far
+    assert "offset" not in text
+    assert mimic_difference(robot, tmp_path / "other.urdf") < RIGID
