@@ -476,8 +476,10 @@ def test_the_degrees_of_freedom_of_an_element_have_one_motor_in_a_group(motors):
 FOLLOWERS = """
 <robot name="r"><link name="base"/>
 <link name="l1">{body}</link><link name="l2">{body}</link><link name="tip">{body}</link>
-<joint name="j1" type="{kind}"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>{limit}</joint>
-<joint name="j2" type="{kind}"><parent link="l1"/><child link="l2"/><origin xyz=".4 0 0" rpy="1 0 0"/>
+<joint name="j1" type="{kind}"><parent link="base"/><child link="l1"/>
+<axis xyz="0 1 0"/>{limit}</joint>
+<joint name="j2" type="{kind}"><parent link="l1"/><child link="l2"/>
+<origin xyz=".4 0 0" rpy="1 0 0"/>
 <axis xyz="0 1 0"/>{limit}<mimic joint="j1" multiplier="-2" offset="0.1"/></joint>
 <joint name="j3" type="prismatic"><parent link="l2"/><child link="tip"/><origin xyz=".3 0 0"/>
 <axis xyz="0 0 1"/><limit lower="-0.4" upper="0.6" effort="7" velocity="0.5"/>{last}</joint></robot>

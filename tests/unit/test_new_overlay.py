@@ -336,6 +336,26 @@ def test_defaults_of_all_joints_do_not_free_a_follower(make):
     assert read(path).n_m == 1
 
 
+@pytest.mark.parametrize(
+    ("keys", "names", "second"),
+    [
+        ("", ["j1"], 0.5 * 0.3 + 0.1),
+        ('gear = { type = "rigid" }', ["j1", "j2"], 0.4),
+        ('spring = { type = "linear", stiffness = 1e3 }', ["j1", "j2"], 0.4),
+        ("mimic = { j1 = -1.0 }", ["j1"], -0.3 + 0.1),
+    ],
+)
+def test_the_overlay_can_free_a_follower_or_change_its_factor(make, tmp_path, keys, names, second):
+    make(arm(FIRST, joint("j2", "l1", "tip", mimic("j1", 0.5, 0.1))))
+    overlay = tmp_path / "own.toml"
+    ends = '[urdf]\nfile = "r.urdf"\nbase = "base"\ntip = "tip"\n'
+    overlay.write_text(f"{ends}[joint.j2]\n{keys}\n")
+    robot = read(overlay)
+    assert [c.name for c in robot.coordinates] == names
+    found = angle_of_tip(robot, np.array([0.3, 0.4][: len(names)]))
+    assert abs(found - (0.3 + second)) < 1e-12
+
+
 def test_a_leader_outside_the_chain_is_named(make, tmp_path):
     second = joint("j2", "l1", "tip", mimic("side", 1.0, 0.0))
     text = arm(FIRST, second, link("s"), joint("side", "base", "s"))

@@ -17,7 +17,6 @@ from flexgen.errors import ArgumentError
 from flexgen.loop import plants
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.interface import Setup
-from flexgen.model.overlay import _Overlay
 from flexgen.runtime import inversion_arguments as checked
 from flexgen.servo import command
 from flexgen.spec import arguments
@@ -208,35 +207,6 @@ def test_the_end_of_a_process_is_described() -> None:
     assert made._describe_end() == "the controller's process ended with code 3"
     made._process = SimpleNamespace(poll=lambda: None, wait=lambda seconds: 1 / 0)
     assert made._describe_end() == "the controller's process ended"
-
-
-def test_a_mimic_of_a_urdf_file_counts_where_the_overlay_has_no_gear_or_spring() -> None:
-    made: Any = object.__new__(_Overlay)
-    segment: Any = SimpleNamespace(joint=SimpleNamespace(name="j"))
-    made.urdf = SimpleNamespace(mimic=lambda joint: found, file="arm.urdf")
-    made._find_name = lambda kind, name: f"{kind} {name}"
-    found: Any = (7, "other", 2.0)
-
-    class Table(dict[str, Any]):
-        entries = {"mimic": "own"}  # noqa: RUF012
-
-    for table, expected in (
-        (None, True),
-        (Table(), True),
-        (Table(gear=1), False),
-        (Table(spring=1), False),
-    ):
-        made.joints = {} if table is None else {"j": table}
-        entry = made._mimic(segment)
-        assert (entry is not None) == expected
-        if entry is not None:
-            assert {k: v.value for k, v in entry.value.items()} == {
-                "joint other": 2.0
-            } and entry.line == 7
-    made.joints = {"j": Table(mimic=1, gear=1)}
-    assert made._mimic(segment) == "own"
-    made.joints, found = {}, None
-    assert made._mimic(segment) is None
 
 
 # --- of an inversion --------------------------------------------------------------------------------------------------

@@ -334,15 +334,10 @@ def test_the_home_of_a_joint_is_zero_or_within_its_limits(
     lower: float | None, upper: float | None, home: float
 ) -> None:
     limit = None if lower is None and upper is None else Made(lower=lower, upper=upper)
-    made: Any = Made(
-        joints={},
-        urdf=Made(limit=lambda joint: limit),
-        limits=True,
-        _flag=lambda table, name, default: default,
-    )
+    made: Any = Made(joints={}, _limit=lambda segment: limit)
     segment: Any = Made(joint=Made(name="j"))
     assert overlay._Overlay._home(made, segment) == home
-    made.limits = False
+    made._limit = lambda segment: None
     assert overlay._Overlay._home(made, segment) == 0.0
 
 

@@ -112,13 +112,13 @@ def test_a_plan_is_searched_within_its_time_limit(
 def joint(**dof: Any) -> Any:
     """The element of a joint between two links."""
     friction = Made(viscous=dof.pop("viscous", 0.0), coulomb=dof.pop("coulomb", 0.0))
+    mimic = dof.pop("mimic", None)
     given = {
         "name": "q1",
         "type": "rotation",
         "lower": None,
         "upper": None,
         "speed_max": None,
-        "mimic": (),
     } | dof
     made = Made(**given, axis=(0.0, 0.0, 1.0), friction=friction)
     step: Any = Made(
@@ -127,9 +127,10 @@ def joint(**dof: Any) -> Any:
         link="tip",
         position=(1.0, 2.0, 3.0),
         rotation=np.eye(3),
+        mimic=mimic,
     )
     root = ElementTree.Element("robot")
-    urdf._joint(root, step, "base", {"q1": 7.0}, ["q0"])
+    urdf._joint(root, step, "base", {"q1": 7.0})
     return root.find("joint")
 
 
@@ -157,16 +158,23 @@ def test_joints_of_a_file_have_the_kind_of_their_limits() -> None:
         assert (found.get("type"), limit.get("lower"), limit.get("upper")) == (kind, lower, upper)
         assert ("speed_max" in given) is (float(limit.get("velocity")) == 3.0)
     assert joint(type="none").get("type") == "fixed" and joint(type="none").find("axis") is None
-    found = joint(name="q9", mimic=(("q0", -2.0),), viscous=0.3)
+    mimic = urdf.UrdfMimic("q0", -2.0, 0.0, None, None, None, None)
+    found = joint(name="q9", mimic=mimic, viscous=0.3)
     assert float(found.find("limit").get("effort")) == urdf.UNLIMITED
+    assert found.find("mimic").get("offset") is None
     assert (
         found.find("mimic").get("joint") == "q0"
         and float(found.find("mimic").get("multiplier")) == -2.0
     )
     dynamics = {name: float(value) for name, value in found.find("dynamics").attrib.items()}
     assert dynamics == {"damping": 0.3, "friction": 0.0}
-    for mimic in ((("q7", 1.0),), (("q0", 1.0), ("q0", 1.0))):
-        assert joint(mimic=mimic, coulomb=0.2).find("mimic") is None
+    assert joint(coulomb=0.2).find("mimic") is None
+    mimic = urdf.UrdfMimic("q0", 1.0, 0.2, -1.0, 2.0, 3.0, 4.0)
+    found = joint(mimic=mimic)
+    assert found.get("type") == "revolute"
+    assert float(found.find("mimic").get("offset")) == 0.2
+    limits = {name: float(value) for name, value in found.find("limit").attrib.items()}
+    assert limits == {"effort": 4.0, "velocity": 3.0, "lower": -1.0, "upper": 2.0}
 
 
 # --- sweeps -----------------------------------------------------------------------------------------------------------

@@ -132,7 +132,10 @@ def test_what_a_joint_leaves_out_has_the_defaults_of_the_format(tmp_path: Path) 
     joint = found.joints["j"]
     assert_allclose(found.origin(joint).rotation, np.eye(3))
     assert_allclose(found.origin(joint).position, [1, 2, 3])
-    assert found.mimic(joint)[1:] == ("k", 1.0, 0.0) and found.dynamics(joint)[1:] == (0.0, 0.4)  # type: ignore[index]
+    mimic = found.mimic(joint)
+    assert mimic is not None
+    assert (mimic.leader, mimic.factor, mimic.offset) == ("k", 1.0, 0.0)
+    assert found.dynamics(joint)[1:] == (0.0, 0.4)
     assert_allclose(found.axis(joint), [0.0, 0.6, 0.8])
     more = '<origin rpy="0.1 0.2 0.3"/><mimic joint="k" multiplier="-2" offset="0.5"/><dynamics damping="0.3"/>'
     found = urdf_of(tmp_path, more)
@@ -143,7 +146,10 @@ def test_what_a_joint_leaves_out_has_the_defaults_of_the_format(tmp_path: Path) 
         atol=1e-15,
     )
     assert_allclose(found.origin(joint).position, 0.0)
-    assert found.mimic(joint)[1:] == ("k", -2.0, 0.5) and found.dynamics(joint)[1:] == (0.3, 0.0)  # type: ignore[index]
+    mimic = found.mimic(joint)
+    assert mimic is not None
+    assert (mimic.leader, mimic.factor, mimic.offset) == ("k", -2.0, 0.5)
+    assert found.dynamics(joint)[1:] == (0.3, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -173,11 +179,12 @@ def test_limits_of_a_joint_are_checked(kind: str, limit: str, text: str, tmp_pat
     assert (made.lower, made.upper) == ((-1.0, 1.5) if kind == "revolute" else (None, None))
 
 
-def test_the_axis_of_a_joint_has_length_one_within_its_digits(tmp_path: Path) -> None:
-    found = urdf_of(tmp_path, '<axis xyz="0 0.57735 0.816497"/>')
-    assert np.linalg.norm(found.axis(found.joints["j"])) == pytest.approx(1.0, abs=1e-15)
-    found = urdf_of(tmp_path, '<axis xyz="0 0 1.1"/>')
-    with pytest.raises(ModelError, match="expected a direction of length 1"):
+def test_the_axis_of_a_joint_is_normalized(tmp_path: Path) -> None:
+    for text in ("0 0.57735 0.816497", "0 0 1.1", "1e-9 0 1e-9"):
+        found = urdf_of(tmp_path, f'<axis xyz="{text}"/>')
+        assert np.linalg.norm(found.axis(found.joints["j"])) == pytest.approx(1.0, abs=1e-15)
+    found = urdf_of(tmp_path, '<axis xyz="0 0 0"/>')
+    with pytest.raises(ModelError, match="expected a direction that is not zero"):
         found.axis(found.joints["j"])
 
 
