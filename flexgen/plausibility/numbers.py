@@ -201,7 +201,7 @@ def _spring(
     key: str,
     name: str,
     numbers: tuple[float, float, float, float],
-    where: str,
+    where: str = HOME,
 ) -> Iterator[Finding]:
     """Findings for one spring: stiffness, damping and inertia on the arm side, and the deflection under gravity."""
     K, D, inertia, deflection = numbers
