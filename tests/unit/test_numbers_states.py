@@ -128,13 +128,13 @@ def joint_of(**more: Any) -> ET.Element:
         "name": "q1",
         "axis": (0.0, 1.0, 0.0),
     }
-    dof |= {"speed_max": None, "mimic": (), "friction": friction}
+    dof |= {"speed_max": None, "friction": friction}
+    mimic = more.pop("mimic", None)
     given = Made(**(dof | more)) if more.pop("moves", True) else None
-    step: Any = Made(
-        dof=given, joint="joint_1", link="arm", position=(0.1, 0.2, 0.3), rotation=np.eye(3)
-    )
+    place = {"position": (0.1, 0.2, 0.3), "rotation": np.eye(3)}
+    step: Any = Made(dof=given, joint="joint_1", link="arm", mimic=mimic, **place)
     root = ET.Element("robot")
-    urdf._joint(root, step, "base", {"q2": 7.0}, {"q0", "q1"})
+    urdf._joint(root, step, "base", {"q2": 7.0})
     return root[0]
 
 
@@ -167,10 +167,10 @@ def test_joints_of_a_urdf_file_by_hand() -> None:
     assert slides.get("type") == "prismatic" and float(
         attributes(slides)["limit"]["lower"]
     ) == -float(none)
-    follows = attributes(joint_of(mimic=(("q0", -0.5),)))["mimic"]
+    mimic = urdf.UrdfMimic("q0", -0.5, 0.0, None, None, None, None)
+    follows = attributes(joint_of(mimic=mimic))["mimic"]
     assert follows["joint"] == "q0" and float(follows["multiplier"]) == -0.5
-    for mimic in ((("q9", 1.0),), (("q0", 1.0), ("q1", 1.0))):
-        assert "mimic" not in attributes(joint_of(mimic=mimic))
+    assert "mimic" not in attributes(joint_of())
     for viscous, coulomb in ((2.0, 0.0), (0.0, 3.0)):
         rubs = attributes(joint_of(friction=Made(viscous=viscous, coulomb=coulomb)))["dynamics"]
         assert (float(rubs["damping"]), float(rubs["friction"])) == (viscous, coulomb)

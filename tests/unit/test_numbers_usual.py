@@ -197,8 +197,13 @@ def test_springs_of_gears_are_on_their_side(monkeypatch: pytest.MonkeyPatch) -> 
     rest: Any = Made(tau_g=np.array([-45.0]), q_a=np.array([0.0, -0.25, 0.0]))
     list(numbers.springs(robot, np.diag([2.0, 3.0, 4.0]), rest))
     assert seen == [
-        ("element.arm.dof.q1.gear", "stiffness", (90.0, pytest.approx(1.8), 2.0, 0.5)),
-        ("element.arm.dof.q1", "low", (5.0, 0.3, 3.0, 0.25)),
+        (
+            "element.arm.dof.q1.gear",
+            "stiffness",
+            (90.0, pytest.approx(1.8), 2.0, 0.5),
+            numbers.HOME,
+        ),
+        ("element.arm.dof.q1", "low", (5.0, 0.3, 3.0, 0.25), numbers.HOME),
     ]
     seen.clear()
     list(numbers.springs(robot, np.diag([0.0, -1.0, 4.0]), rest))
@@ -331,6 +336,8 @@ def test_moves_that_have_no_path_are_errors(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(moves, "_joints", joints)
     monkeypatch.setattr(moves, "_range", lambda robot, key, q_g: (key, q_g))
     monkeypatch.setattr(moves, "_speeds", lambda robot, key, v_g: [(key, v_g)])
+    still = Made(findings=lambda key, q_g: [(key, "at poses")])
+    monkeypatch.setattr(moves, "_Still", lambda equations, known: still)
     advice = "start, displacement or end of the move; lengths of the arm in m"
     assert list(moves.moves(equations)) == [
         Finding(
@@ -345,4 +352,5 @@ def test_moves_that_have_no_path_are_errors(monkeypatch: pytest.MonkeyPatch) -> 
         Finding(OK, "move.b", "range of the joints", "not checked: more joints than outputs", "-"),
         ("program.c", "angles"),
         ("program.c", "speeds"),
+        ("program.c", "at poses"),
     ]
