@@ -308,6 +308,7 @@ command-positions MODEL | | command_positions
 identify-servo MODEL | | identify_servo
     arguments
         <record> DATA: CSV file of commands and angles: time_s, then JOINT_command_deg and JOINT_deg of each joint
+        columns NAME,NAME,... names: names of the columns of a file without a header
     servo
         servo FILE text: where the search begins: ppi (proposed gains) or a .toml file; default: that of the model
             file

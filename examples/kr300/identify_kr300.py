@@ -20,10 +20,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from flexgen.analysis.rigid_regressor import Motion
-from flexgen.identification.recordings.description import read_description
 from flexgen.identification.recordings.gear_deflection import gear_deflection
 from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.recordings.rigid_file import motions_of
+from flexgen.records.description import read_description
 
 COUNTERBALANCE = {"q2": 2}  # harmonics of the angle in the torque of the second motor
 

@@ -26,6 +26,7 @@ from flexgen.model.elements import Coordinate, RobotModel
 from flexgen.model.format_robot import ELEMENTS
 from flexgen.model.friction import hysteretic_joints, refuse_harmonics
 from flexgen.progress import Choice, reported
+from flexgen.records.motor_record import read_motor_record
 from flexgen.spec.fourier import HIGHEST, MOST
 from flexgen.spec.memory import Hysteresis
 from flexgen.trajectory import Trajectory
@@ -53,6 +54,7 @@ def identify_gears(
     cogging: Sequence[int] = (),
     free: Sequence[str] | None = None,
     band_hz: float | None = None,
+    columns: Sequence[str] | None = None,
     progress: Choice = None,
 ) -> GearFit:
     """Identify hysteresis, transmission errors and cogging from a record of motor angles and torques.
@@ -65,8 +67,9 @@ def identify_gears(
     model : name, path or RobotModel
         Masses, inertias and payload as they are.
     record : Trajectory, or the name of its file
-        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, at equal steps, of a minute of motion. Gears with
-        hysteresis reverse in it under torques that are several times those of their hysteresis.
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, of a minute of motion; a CSV or MAT file of a logger, or
+        a ``.toml`` file that describes one, see `flexgen.records.motor_record`. Gears with hysteresis reverse in it
+        under torques that are several times those of their hysteresis.
     joints : sequence of str, optional
         Those whose gears are identified; default: all with an elastic gear.
     hysteresis : bool
@@ -85,6 +88,8 @@ def identify_gears(
     band_hz : float, optional [Hz]
         Frequencies that are compared; default: as far as the motion is above the noise of the angles. Where the model
         agrees only below 0.6 or 0.36 of that, or but for the standard deviations, the status is "noise too large".
+    columns : sequence of str, optional
+        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or with a unit).
     progress : callable or bool, optional
 
     Returns
@@ -110,7 +115,8 @@ def identify_gears(
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     robot = robot_of(model)
     refuse_harmonics(robot, "identify_gears")
-    record = record if isinstance(record, Trajectory) else Trajectory.load(record)
+    read = read_motor_record(robot, record, columns)
+    data = read.trajectory
     chosen = _choose(robot, joints)
     gears = chosen if hysteresis else ()
     _refuse_ignored(robot, gears)
@@ -125,7 +131,7 @@ def identify_gears(
         [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
     )
     orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)
-    first = _first_elements(robot, gears, elements, exponents, record)
+    first = _first_elements(robot, gears, elements, exponents, data)
     sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
     equations = derive(plain, [parameter.name for parameter in fitted])
 
@@ -133,17 +139,15 @@ def identify_gears(
         model = GearModel(equations, sought, signals)
         return _result(robot, fitted, model, _estimate(model, tell))
 
-    result = fit(signals_of(record, robot.n_m, band_hz))
+    result = fit(signals_of(data, robot.n_m, band_hz))
     final = (
         band_hz is not None
         or result.lacking
         or result.status in (GearStatus.FITTED, GearStatus.NOISE)
     )
-    return (
-        result
-        if final
-        else _in_narrower_bands(result, lambda hz: fit(signals_of(record, robot.n_m, hz)), tell)
-    )
+    if not final:
+        result = _in_narrower_bands(result, lambda hz: fit(signals_of(data, robot.n_m, hz)), tell)
+    return replace(result, notes=read.notes) if read.notes else result
 
 
 def _estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:

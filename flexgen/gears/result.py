@@ -102,6 +102,8 @@ class GearFit(Result):
         Dotted key of a hysteresis -> exponent and gamma of its elements, where they are not Dahl's law.
     lacking : tuple of str
         Joints of which the record shows an element of hysteresis more, with another lost motion.
+    notes : tuple of str
+        What was done to the record, as sentences.
 
     Examples
     --------
@@ -125,6 +127,7 @@ class GearFit(Result):
     cogging: tuple[int, ...] = ()
     laws: Mapping[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
     lacking: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<GearFit {self.robot.title}: {self.sentence()}>"
@@ -132,6 +135,7 @@ class GearFit(Result):
     def __str__(self) -> str:
         """The figures as lines."""
         rows = [f"  {name}: {text}" for name, text in self._rows()]
+        rows += [f"  record: {note}" for note in self.notes]
         return "\n".join([f"{self.robot.title}: {self.sentence()}", *rows])
 
     @property

@@ -31,13 +31,13 @@ from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.graybox import SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import DELAY, ParameterVector, is_of_sensor
-from flexgen.identification.recordings.description import Description, Recording, read_description
 from flexgen.identification.result import Estimated, FitStatus
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.residual_statistics import whiteness
 from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
+from flexgen.records.description import Description, Recording, read_description
 from flexgen.simulation.segments import Segments
 from flexgen.type_checks import checked_result, checked_types
 
@@ -371,7 +371,7 @@ def fit_motion(
     model : RobotModel, str, Path or None
         None: that of the description.
     recordings : str or Path
-        See `flexgen.identification.recordings.description`; motors and link encoders are used.
+        See `flexgen.records.description`; motors and link encoders are used.
     free, fixed, start, bounds, priors
         See `flexgen.identification.parameters.ParameterVector`; also ``delay`` and ``torque_constant``.
     segment_s : float [s]

@@ -1,4 +1,4 @@
-"""Files of records, and what records say about themselves: lost samples, transients that have not decayed.
+"""What records say about themselves: lost samples, transients that have not decayed.
 
 A transient is in the first period more than in the later ones, noise is in all alike: with the spectra ``X_p`` of the
 periods, ``E_p = sum |X_{p+1} - X_p|^2`` is the same for all p up to its scatter, and ``E_1`` larger with a transient.
@@ -8,19 +8,16 @@ Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 
 
 from __future__ import annotations
 
-from itertools import chain
-from pathlib import Path
-from typing import Any
-
 import numpy as np
-
-from flexgen.errors import ArgumentError
-from flexgen.npz_files import NpzError, read_npz
 
 # least steps, over the resolution, in which one repeated sample is seen; in coarser ones a number
 # of them
 FINE = 100
 COARSE = 4
+# median of the magnitude of normal numbers, over their standard deviation
+NORMAL = 0.6745
+# standard deviations of second differences from which on a jump is none of noise or of a count
+OF_NOISE = 5.0
 TRANSIENT = "a transient remains"  # the words of a warning that withholds intervals
 SURE = 6.0  # standard deviations of a ratio of powers
 SMALLEST = 1e-4  # transient over signal
@@ -29,15 +26,22 @@ SMALLEST = 1e-4  # transient over signal
 def lost_samples(x: np.ndarray) -> np.ndarray:
     """Where samples of ``x`` (n,) repeat the one before and a jump makes up for it.
 
-    Once where the steps are far above the resolution, else `COARSE` times. An axis that stands still and starts has no
-    such jump.
+    Once where the steps are far above the resolution, else `COARSE` times. The jump is far above the noise. An axis
+    that stands still and starts has no such jump; nor has an encoder at rest, whose counts go forth and back, also
+    where other steps of it were interpolated.
     """
     steps = np.abs(np.diff(x))
+    if not steps.any():
+        return np.zeros(0, dtype=int)
     least = float(steps[steps > 0].min())
     still = 1 if np.median(steps) > FINE * least else COARSE
     run = np.asarray(np.lib.stride_tricks.sliding_window_view(steps == 0, still).all(axis=1))[:-2]
     jump, after = steps[still:-1], steps[still + 1 :]
-    return np.asarray(np.flatnonzero(run & (jump >= 5 * least) & (jump > 1.5 * after)))
+    bends = np.abs(np.diff(x, 2))
+    # at rest most of them are zero, the others are those of a count
+    noise = float(np.median(bends[bends > 0])) / NORMAL
+    above = (jump >= 5 * least) & (jump > OF_NOISE * noise)
+    return np.asarray(np.flatnonzero(run & above & (jump > 1.5 * after)))
 
 
 def first_period_excess(X: np.ndarray) -> np.ndarray:
@@ -80,60 +84,3 @@ def slow_transients(X: np.ndarray) -> np.ndarray:
         axis=0
     )
     return np.asarray((kept > 0.5 + SURE / np.sqrt(np.maximum(count, 1))) & large)
-
-
-def read_named(file: Path, size_max: int) -> dict[str, Any]:
-    """The arrays of a file of another program by their names: .npz, .mat (version 5), .csv with names in line 1.
-
-    Raises
-    ------
-    ArgumentError
-        The file is larger than ``size_max`` bytes, cannot be read, or ends otherwise.
-    """
-    if file.stat().st_size > size_max:
-        raise ArgumentError(
-            f"{file}: given {file.stat().st_size} bytes, expected at most {size_max}"
-        )
-    if file.suffix == ".npz":
-        try:
-            return dict(read_npz(file, size_max))
-        except NpzError as error:
-            raise ArgumentError(f"{file}: {error}") from None
-    if file.suffix == ".csv":
-        return _csv(file)
-    if file.suffix == ".mat":
-        from scipy.io import loadmat
-
-        try:
-            found = loadmat(str(file))
-        except Exception as error:  # the reader raises many kinds for a damaged file
-            raise ArgumentError(
-                f"{file}: cannot be read as a MAT file of version 5 ({error})"
-            ) from None
-        return {
-            name: x
-            for name, x in found.items()
-            if isinstance(x, np.ndarray) and not name.startswith("_")
-        }
-    raise ArgumentError(f"{file}: given the ending {file.suffix!r}, expected .mat, .npz or .csv")
-
-
-def _csv(file: Path) -> dict[str, Any]:
-    """Columns by the names in the first line."""
-    try:
-        with file.open(encoding="utf-8-sig") as stream:
-            names = [name.strip() for name in stream.readline().split(",")]
-            if not (first := stream.readline()).strip():
-                raise ValueError("no numbers")
-            values = np.loadtxt(chain([first], stream), delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        expected = (
-            "names in line 1, then numbers with a decimal point, and commas between the columns"
-        )
-        why = str(error).partition("; use")[0]
-        raise ArgumentError(f"{file}: cannot be read: {why}; expected {expected}") from None
-    if values.shape[1] != len(names) or len(set(names)) != len(names):
-        raise ArgumentError(
-            f"{file}: given {values.shape[1]} columns and the names {names}, expected one name each"
-        )
-    return dict(zip(names, values.T, strict=True))

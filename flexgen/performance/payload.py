@@ -25,7 +25,8 @@ Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torque
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -44,6 +45,7 @@ from flexgen.model.friction import refuse_harmonics
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.low_pass import bandwidth
 from flexgen.performance.compliances import stiffness_deviations
+from flexgen.records.motor_record import read_motor_record
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
 from flexgen.trajectory import Trajectory
@@ -100,7 +102,8 @@ class Load(Result):
     the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not determined.
     ``total_mass``, ``total_com``: of the load and the payload of the model file together. ``residual_Nm``: root mean
     square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
-    ``friction`` (2, n_m): viscous and other friction of each motor over those of the model.
+    ``friction`` (2, n_m): viscous and other friction of each motor over those of the model. ``notes``: what was done to
+    the record, as sentences.
 
     Examples
     --------
@@ -120,6 +123,7 @@ class Load(Result):
     delay_s: float
     friction: np.ndarray
     unknown_m: float = UNKNOWN
+    notes: tuple[str, ...] = ()
 
     __repr__ = short_repr
 
@@ -129,6 +133,7 @@ class Load(Result):
         friction = (
             f"\nfriction of the motors over that of the model: viscous {viscous}; other {other}"
         )
+        friction += "".join(f"\nrecord: {note}" for note in self.notes)
         if not 2 * self.mass_sd < abs(self.mass):
             return (
                 f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined"
@@ -151,6 +156,7 @@ def identify_load(
     *,
     low_pass_hz: float | None = None,
     rigid: bool = False,
+    columns: Sequence[str] | None = None,
 ) -> Load:
     """Identify the load at the tool, mass and center of mass, from a record of motor angles and torques.
 
@@ -162,12 +168,15 @@ def identify_load(
     model : name, path, RobotModel or Equations
         Without the load, or with another one as payload.
     record : Trajectory, or the name of its file
-        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, on an equidistant grid, as of `ControlRun.trajectory`.
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, as of `ControlRun.trajectory`; a CSV or MAT file of a
+        logger, or a ``.toml`` file that describes one, see `flexgen.records.motor_record`.
     low_pass_hz : float, optional [Hz]
         Of the torques; that of the motion is three times as high. Default: 8, or five times the band of a quick motion,
         but at most 1.5 times the lowest natural frequency with the motors at rest.
     rigid : bool
         Without deflections, for comparison.
+    columns : sequence of str, optional
+        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or with a unit).
 
     Returns
     -------
@@ -176,7 +185,7 @@ def identify_load(
     Raises
     ------
     ArgumentError
-        The record is too short, is not equidistant, or is of other motors.
+        The record is too short, is of other motors, or has units or times that cannot be used.
     SolverError
         The motion does not determine the mass, or no load was found.
 
@@ -189,8 +198,9 @@ def identify_load(
     """
     robot = robot_of(model)
     refuse_harmonics(robot, "identify_load")
-    record = record if isinstance(record, Trajectory) else Trajectory.load(record)
-    return _Estimate(robot, record, low_pass_hz, rigid).solve()
+    found = read_motor_record(robot, record, columns)
+    load = _Estimate(robot, found.trajectory, low_pass_hz, rigid).solve()
+    return replace(load, notes=found.notes) if found.notes else load
 
 
 class _Estimate:

@@ -90,6 +90,7 @@ class ServoFit(Result):
             [
                 f"{self.model}: {self.sentence()}",
                 *(f"  {name}: {text}" for name, text in self._rows()),
+                *(f"  record: {note}" for note in self.record.notes),
             ]
         )
 

@@ -8,7 +8,7 @@ Robots with one number changed each are simulated side by side in C, so that a s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
@@ -65,6 +65,7 @@ def identify_servo(
     *,
     servo: Any = None,
     interpolation: Interpolation = "linear",
+    columns: Sequence[str] | None = None,
     progress: Choice = None,
 ) -> ServoFit:
     """Identify the position servo of a robot from some seconds of commands and measured angles.
@@ -80,6 +81,8 @@ def identify_servo(
         servo of the model file, and ``"ppi"`` where it has none.
     interpolation : str
         Of the robot between two commands: ``"linear"``, ``"cubic"`` or ``"hold"``.
+    columns : sequence of str, optional
+        Names of the columns of a file without a header, such as ``t ms,q1_command,q1``; without unit in SI units.
     progress : callable or bool, optional
 
     Returns
@@ -106,7 +109,7 @@ def identify_servo(
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     robot = robot_of(model)
     if not isinstance(record, ServoRecord):
-        record = ServoRecord.read(record, robot)
+        record = ServoRecord.read(record, robot, columns)
     _check_record(record, robot)
     fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation, tell)
     best = _search(fit, *fit.start(), tell)

@@ -1,13 +1,14 @@
 """Records of a robot that takes positions: its commands and its angles, from a plain CSV file.
 
-Names of the columns: ``time_s`` or ``time_ms``; of each joint ``JOINT_command_deg`` and ``JOINT_deg`` (or ``_rad``;
-``_mm`` or ``_m`` of a joint that slides). Other columns are ignored. The rows are one period of the interface apart.
+Names of the columns: the time, ``time_s`` or ``t ms``; of each joint ``JOINT_command_deg`` and ``JOINT_deg``, with its
+unit (`flexgen.units`) behind ``_`` or a space. Other columns are ignored. Commands are one period of the interface
+apart: stamps that scatter about equal steps become these, commands that were sent at unequal steps are refused. Angles
+with another rate than the commands are taken at their instants. Before a gap in time the record ends.
 """
 
 from __future__ import annotations
 
-import csv
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,10 +17,12 @@ import numpy as np
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.numerics.sampling import read_clock, resample
+from flexgen.records.columns import find_column, find_time
+from flexgen.records.tables import read_arrays
 from flexgen.type_checks import checked_class
 
-UNITS = {"rad": {"rad": 1.0, "deg": math.pi / 180.0}, "m": {"m": 1.0, "mm": 1e-3}}
-TIMES = {"time_s": 1.0, "time_ms": 1e-3}
+SIZE_MAX = 1_000_000_000  # bytes of a file
 MOST, FEWEST = 1_000_000, 100  # rows
 LONGEST_S = 1.0  # between two rows
 EVEN = 0.02  # largest difference of a step in time from the others, relative
@@ -38,6 +41,8 @@ class ServoRecord:
         Positions that were sent, and measured ones, in the order of the actuated coordinates of the model.
     source : str
         Where they come from.
+    notes : tuple of str
+        What was done to the file, as sentences.
 
     Examples
     --------
@@ -51,6 +56,7 @@ class ServoRecord:
     command: np.ndarray
     angle: np.ndarray
     source: str = ""
+    notes: tuple[str, ...] = ()
 
     __repr__ = short_repr
 
@@ -84,73 +90,78 @@ class ServoRecord:
         return float(np.round((self.time[-1] - self.time[0]) / (len(self.time) - 1), 9))
 
     @classmethod
-    def read(cls, path: str | Path, model: RobotModel) -> ServoRecord:
-        """Read a CSV file, see `flexgen.servo.record`; ArgumentError with file, line and column where it is wrong."""
-        file, rows = Path(path), []
-        try:
-            with file.open(newline="", encoding="utf-8-sig") as text:
-                lines = csv.reader(text)
-                head = [word.strip() for word in next(lines, [])]
-                clock, columns = _columns(file, head, model)
-                for number, cells in enumerate(lines, 2):
-                    if cells:
-                        if len(cells) < len(head) or any(map(str.strip, cells[len(head) :])):
-                            raise ArgumentError(
-                                f"{file}:{number}: given {len(cells)} cells, expected {len(head)}, one for each name "
-                                "in the first line; decimals have a point"
-                            )
-                        rows.append(
-                            [_number(file, number, head, cells, k) for k, _ in (clock, *columns)]
-                        )
-                    if len(rows) > MOST:
-                        raise ArgumentError(f"{file}: given more than {MOST} rows, expected fewer")
-        except (OSError, UnicodeError, csv.Error) as error:
-            raise ArgumentError(f"{file}: cannot be read: {error}") from error
-        values = np.array(rows).reshape(len(rows), 1 + len(columns)) * [
-            factor for _, factor in (clock, *columns)
-        ]
-        n = len(columns) // 2
-        return cls(values[:, 0], values[:, 1 : n + 1], values[:, n + 1 :], str(file))
+    def read(
+        cls, path: str | Path, model: RobotModel, columns: Sequence[str] | None = None
+    ) -> ServoRecord:
+        """Read a CSV file, see `flexgen.servo.record`.
 
+        Parameters
+        ----------
+        path : str or Path
+        model : RobotModel
+        columns : sequence of str, optional
+            Names of the columns of a file without a header; those without unit are in SI units.
 
-def _columns(
-    file: Path, head: list[str], model: RobotModel
-) -> tuple[tuple[int, float], list[tuple[int, float]]]:
-    """Number and factor of the column of the time, and of those of commands, then angles."""
-    clock = next(
-        ((head.index(name), factor) for name, factor in TIMES.items() if name in head), None
-    )
-    if clock is None:
-        one = len(head) == 1 and (";" in head[0] or "\t" in head[0])
-        more = " and commas between the columns, points in the numbers" if one else ""
-        raise ArgumentError(
-            f"{file}:1: given the columns {', '.join(head)[:200]}, expected time_s or time_ms{more}"
-        )
-    out = []
-    for middle in ("_command", ""):
-        for coordinate in (model.coordinates[i] for i in model.i_g):
-            names = {
-                f"{coordinate.name}{middle}_{unit}": x for unit, x in UNITS[coordinate.unit].items()
-            }
-            found = next(
-                ((head.index(name), factor) for name, factor in names.items() if name in head), None
-            )
-            if found is None:
+        Raises
+        ------
+        ArgumentError
+            A column is missing, or its unit cannot be used; the times are not those of an interface.
+        """
+        file, plain = Path(path), columns is not None
+        if file.suffix != ".csv" or not file.is_file():
+            raise ArgumentError(f"{file}: cannot be read: expected a CSV file")
+        arrays = read_arrays(file, SIZE_MAX, columns)
+        where, header = f"{file}:1", list(arrays)
+        at, second = find_time(where, header, plain=plain)
+        found = []
+        for middle in ("_command", ""):
+            for joint in (model.coordinates[i] for i in model.i_g):
+                name = f"{joint.name}{middle}"
+                found.append(find_column(where, header, name, joint.unit, plain=plain))
+        clock = np.ma.asanyarray(arrays[header[at]]) * second
+        if len(clock) > MOST:
+            raise ArgumentError(f"{file}: given more than {MOST} rows, expected fewer")
+        times, values = [], []
+        for column in (at, *(column for column, _ in found)):
+            _check_finite(file, header[column], arrays[header[column]])
+        for column, factor in found:
+            x = np.ma.asanyarray(arrays[header[column]]) * factor
+            kept = ~(np.ma.getmaskarray(x) | np.ma.getmaskarray(clock))
+            if kept.sum() < FEWEST:
                 raise ArgumentError(
-                    f"{file}:1: given no column {' or '.join(names)}, expected one for each joint"
+                    f"{file}: given {kept.sum()} rows, expected {FEWEST} or more of {header[column]}"
                 )
-            out.append(found)
-    return clock, out
+            times.append(np.asarray(clock[kept]))
+            values.append(np.asarray(x[kept]))
+        return cls._of_channels(file, times, values)
+
+    @classmethod
+    def _of_channels(
+        cls, file: Path, times: list[np.ndarray], values: list[np.ndarray]
+    ) -> ServoRecord:
+        """Commands, then angles, at the equal steps of the commands, up to the first gap."""
+        n = len(values) // 2
+        alike = [x for t, x in zip(times[:n], values[:n], strict=True) if len(t) == len(times[0])]
+        commands = read_clock(str(file), times[0], np.stack(alike, axis=1))
+        if commands.note.startswith("steps"):
+            raise ArgumentError(
+                f"{file}: given commands at unequal {commands.note}, expected the equal steps of "
+                "an interface, stamped with jitter at most"
+            )
+        smooth = [True] * len(values)
+        found = resample(str(file), times, values, smooth, instants=True)
+        first = found.pieces[0]
+        notes = list(found.notes)
+        if len(found.pieces) > 1:
+            notes.append(f"used: the record up to {first.time[-1]:.6g} s, before its first gap")
+        time, data = first.time, first.values
+        return cls(time, data[:, :n], data[:, n:], str(file), tuple(notes))
 
 
-def _number(file: Path, line: int, head: list[str], cells: list[str], column: int) -> float:
-    """The number of a cell."""
-    try:
-        value = float(cells[column])
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+def _check_finite(file: Path, name: str, x: np.ndarray) -> None:
+    bad = np.flatnonzero(~np.isfinite(np.ma.asanyarray(x).filled(0.0)))
+    if len(bad):
+        given = "nan" if np.isnan(x[bad[0]]) else "inf"
         raise ArgumentError(
-            f"{file}:{line}: {head[column]}: given {cells[column][:40]!r}, expected a finite number"
+            f"{file}:{bad[0] + 2}: {name}: given {given!r}, expected a finite number"
         )
-    return value

@@ -373,10 +373,19 @@ def test_bad_arguments_of_commands(solved, given, message):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ("t,q1_deg\n", r"record.csv:1: given the columns t, q1_deg, expected time_s or time_ms"),
+        ("t,q1_deg\n0,1\n", r"record.csv:1: given the column 't' without a unit, expected 't s' or"),
+        ("clock,q1_deg\n0,1\n", r"given the columns clock, q1_deg, expected time_s or time_ms"),
         (
-            "time_s,q1_command_deg,q1_deg\n",
-            r"record.csv:1: given no column q2_command_rad or q2_command_deg",
+            "time_s,q1_command_deg,q1_deg\n0,1,1\n",
+            r"record.csv:1: given no column of q2_command, expected one, q2_command_rad or q2_comm",
+        ),
+        (
+            "time_s,q1_command_gon,q1_deg\n0,1,1\n",
+            r"record.csv:1: column 'q1_command_gon': given 'gon', an unknown unit, expected an angle",
+        ),
+        (
+            "time_s,q1_command_mm,q1_deg\n0,1,1\n",
+            r"column 'q1_command_mm': given 'mm', a length, expected an angle in rad, mrad",
         ),
         (
             "time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,x,1,1\n",
@@ -396,7 +405,7 @@ def test_bad_arguments_of_commands(solved, given, message):
         ),
         (
             "time_s;q1_command_deg;q1_deg\n0;1,5;1\n",
-            r"expected time_s or time_ms and commas between the columns",
+            r"record.csv:1: given 'time_s;q1_command_deg;q1_deg', expected commas between the col",
         ),
     ],
 )

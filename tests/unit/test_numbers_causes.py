@@ -1,7 +1,7 @@
 """Faults of a record as changes of its responses, one by one; their words; poses and channels of recordings.
 
 Of `flexgen.identification.causes.hypotheses`, `flexgen.identification.recordings.experiment_file`,
-`flexgen.identification.recordings.description`, `flexgen.simulation.result`, `flexgen.mechanics.beam`,
+`flexgen.records.description`, `flexgen.simulation.result`, `flexgen.mechanics.beam`,
 `flexgen.analysis.gear_changes`, `flexgen.identification.causes.explain`, `flexgen.inversion.verification`.
 """
 
@@ -18,11 +18,10 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from flexgen.analysis.gear_changes import Linearization, fit_changes
-from flexgen.errors import ModelError
 from flexgen.identification.causes import explain, hypotheses
 from flexgen.identification.causes.explain import Cause
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.recordings import description, experiment_file
+from flexgen.identification.recordings import experiment_file
 from flexgen.inversion.verification import plan_error
 from flexgen.mechanics.beam import modal_beam
 from flexgen.mechanics.equations import derive
@@ -203,52 +202,6 @@ def test_modes_of_a_beam_bend_in_their_direction() -> None:
     first = 1.87510406871**4  # (beta L)^4 of a cantilever
     omega = found.stiffness[0, 0] / found.m2[0, 0]
     assert omega == pytest.approx(first * 300.0 / (2.0 * 0.7**4), rel=1e-6)
-
-
-@pytest.mark.parametrize(("drives", "side"), [(1, "arm"), (1, "motor"), (2, "arm"), (2, "motor")])
-@pytest.mark.parametrize("kind", ["torque", "angle"])
-def test_channels_of_the_arm_are_those_of_motors_by_their_ratio(
-    drives: int, side: str, kind: str
-) -> None:
-    """Torques over the ratio, angles times it; a motor of several joints has none."""
-    motors = [Made(name="m1", drives=("q1", "q2")[:drives], ratio=(50.0, 2.0)[:drives])]
-    entry = {"motor": "m1", "name": "x", "unit": "u", "side": side}
-    table, model = Channel(entry), Made(motors=motors)
-    root: Any = Made(tables=lambda name: [table] if name == kind else [])
-    arguments: Any = (root, kind, {"u": 3.0}, model)
-    if side == "arm" and drives == 2:
-        with pytest.raises(ModelError, match="this motor drives several joints"):
-            description._channels(*arguments)
-        return
-    (found,) = description._channels(*arguments)
-    factor = {"torque": 1 / 50.0, "angle": 50.0}[kind] if side == "arm" else 1.0
-    assert found.factor == pytest.approx(3.0 * factor)
-
-
-class Channel:
-    """A table of a channel."""
-
-    def __init__(self, entry: dict[str, str]) -> None:
-        self.entry = entry
-
-    def only(self, *names: str) -> None:
-        assert set(self.entry) <= set(names)
-
-    def choice(self, key: str, among: Any) -> str:
-        assert self.entry[key] in among
-        return self.entry[key]
-
-    def number(self, key: str, default: float, **_: Any) -> float:
-        return default
-
-    def text(self, key: str, *_: Any, **__: Any) -> str:
-        return self.entry[key]
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.entry
-
-    def fail(self, key: str, expected: str) -> ModelError:
-        return ModelError("a.toml", 1, key, "x", expected)
 
 
 def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:

@@ -310,8 +310,10 @@ def test_narrower_bands_show_what_noise_hides(
         identify, "replace", lambda found, status: Made(status=status, band_hz=found.band_hz)
     )
     t = np.array([0.0, 1.0])
+    names = {"q_m": "rad", "tau_m": "N m"}
+    ports = {name: Port(name, (2,), unit, "") for name, unit in names.items()}
     record = Trajectory(
-        t, {"q_m": np.zeros((2, 2))}, {"q_m": Port("q_m", (2,), "rad", "")}, {"q_m": ("a", "b")}
+        t, {name: np.zeros((2, 2)) for name in names}, ports, dict.fromkeys(names, ("m1", "m2"))
     )
     lines: list[str] = []
     options: dict[str, Any] = {"band_hz": 30.0} if given else {}

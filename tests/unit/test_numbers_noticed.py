@@ -112,7 +112,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         },
         "flexgen.identification.graybox": {"COST_LEAST": 0.5, "COST_MOST": 2.0, "SPREAD": 1.5},
         "flexgen.identification.motion_correction": {"UNSURE": (0.1, 1.0)},
-        "flexgen.identification.recordings.description": {
+        "flexgen.records.description": {
             "JITTER": 0.05,
             "WRAP": 1.0,
             "REPEATED": 0.005,

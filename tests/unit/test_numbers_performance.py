@@ -168,7 +168,7 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
     short = {name: given[name][:199] for name in ("q_m", "tau_m")}
     ports, labels = given.ports, given.labels
     with pytest.raises(
-        ArgumentError, match=r"record: given 199 samples, expected at least 200, equidistant"
+        ArgumentError, match=r"record: given 199 samples, expected at least 200"
     ):
         identify_load("elbow", Trajectory(given.time[:199], short, ports, labels))
     # seconds since 1970, in double precision
@@ -179,9 +179,9 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
         match=r"record: given 1 s, expected at least 1\.05 s: the low pass spoils 0\.5 s",
     ):
         identify_load("elbow", replace(given, time=2.5e-3 * np.arange(400)), low_pass_hz=8.0)
-    uneven = given.time + 1e-3 * (np.arange(400) > 100)
-    with pytest.raises(ArgumentError, match=r"record: given 400 samples"):
-        identify_load("elbow", Trajectory(uneven, dict(given.channels), ports, labels))
+    back = given.time - 1.0 * (np.arange(400) > 200)
+    with pytest.raises(ArgumentError, match=r"a time grid that does not increase"):
+        identify_load("elbow", Trajectory(back, dict(given.channels), ports, labels))
     with pytest.raises(ArgumentError, match=r"given 2 columns of q_m, expected 6"):
         identify_load("manutec_r3", given)
     for low in (0.0, 40.0):

@@ -10,8 +10,8 @@ from scipy.io import savemat
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.identification.recordings.description import read_description
 from flexgen.identification.recordings.experiment_file import read_experiment
+from flexgen.records.description import read_description
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
 T = 1e-3
@@ -122,7 +122,7 @@ def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
         ),
         (
             {"t": np.where(TIME > 0.5, TIME + 0.01, TIME)},
-            r"time goes from 0\.5 to 0\.511 s at sample 500, .* lost",
+            r"run\.npz: given a gap of 0\.011 s from 0\.5 to 0\.511 s, expected whole periods",
         ),
         ({"t": TIME * 1e3}, "expected at least two periods|whole number"),
         ({"t": -TIME}, "time goes from"),
@@ -156,7 +156,7 @@ def test_recordings_that_cannot_be_used_are_refused(changes, words, tmp_path):
     ("old", "new", "words"),
     [
         ('unit = "rad"\n', "", r"recordings.toml:\d+:angle.*unit: given nothing"),
-        ('unit = "rad"', 'unit = "degrees"', "expected one of|deg"),
+        ('unit = "rad"', 'unit = "gon"', r"unit: given \"gon\", expected one of .*deg"),
         ('side = "motor"\n\n[[angle]]', "\n[[angle]]", "side: given nothing"),
         ("constant = 0.5\n", "", "constant: given nothing, expected a number"),
         (
@@ -212,7 +212,7 @@ def test_a_damaged_file_is_refused(tmp_path):
     expected = r"; expected names in line 1, then numbers with a decimal point, and commas between the columns"
     with pytest.raises(
         ArgumentError,
-        match=rf"run\.csv: cannot be read: the number of columns changed .*2{expected}$",
+        match=r"run\.csv:2: given 2 cells, expected 3, one for each name in the first line",
     ):
         read_experiment(file)
     (tmp_path / "run.csv").write_text("t,current,angle\n")

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.identification import motion_fit as fits
 from flexgen.identification.parameters import ParameterVector
-from flexgen.identification.recordings.description import read_description
 from flexgen.identification.recordings.recording_writer import RecordingWriter
+from flexgen.records.description import read_description
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 MAST = """

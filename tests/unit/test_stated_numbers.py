@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flexgen import sensors
+from flexgen import sensors, units
 from flexgen.analysis import zeros
 from flexgen.benchmarks import foreign, scenario_file
 from flexgen.cli import main as cli
@@ -20,7 +20,7 @@ from flexgen.codegen.interface import DELAY_MAX, STATUSES
 from flexgen.exports import mujoco
 from flexgen.identification import graybox, motion_fit, result
 from flexgen.identification.experiments import plan
-from flexgen.identification.recordings import description, rigid_accuracy
+from flexgen.identification.recordings import rigid_accuracy
 from flexgen.inversion import choice, limits, problem, settling, solve
 from flexgen.laws import lq, state_lq, study
 from flexgen.loop import closed_loop, control, interface
@@ -114,7 +114,7 @@ SENTENCES = {
         ("An arm has at most {:d} coordinates", format_robot.COORDINATES_MAX),
     ),
 }
-FACTORS = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6}
+FACTORS = {"": 1.0, "k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "n": 1e-9}
 UNITS = {
     "rad": 1.0,
     "m": 1.0,
@@ -125,6 +125,12 @@ UNITS = {
     "A": 1.0,
     "N": 1.0,
     "1": 1.0,
+    "N cm": 1e-2,
+    "N mm": 1e-3,
+    "min": 60.0,
+    "arcmin": math.pi / 180.0 / 60.0,
+    "rev": 2.0 * math.pi,
+    "rpm": 2.0 * math.pi / 60.0,
 }
 RANGES = {  # rows of docs/own_robot.md: the ranges in the order of the row
     "lowest mode of each spring": (numbers.FREQUENCY,),
@@ -184,16 +190,15 @@ def si(unit: str) -> float:
 
 def whole(unit: str, base: str) -> bool:
     """Whether a unit is this base with a known prefix, and no other base."""
-    return unit == base or (unit[: -len(base)] in {"k", "m", "u"} and unit not in UNITS)
+    return unit == base or (unit[: -len(base)] in {"k", "c", "m", "u", "n"} and unit not in UNITS)
 
 
 @pytest.mark.parametrize(
     "table",
     [
         *sensors.UNITS.values(),
-        description.TIME_UNITS,
-        description.ANGLE_UNITS,
-        description.TORQUE_UNITS,
+        *units.FACTORS.values(),
+        units.CURRENTS,
     ],
 )
 def test_factors_of_units_follow_from_their_names(table: dict[str, float]) -> None:

@@ -16,10 +16,10 @@ from npz_lies import array_bytes, claiming, packed
 
 from flexgen import npz_files, trajectory_files
 from flexgen.errors import ArgumentError, ChannelError, ModelError
-from flexgen.identification.recordings import description
 from flexgen.model.reader import read
-from flexgen.numerics.records import read_named
 from flexgen.paths import sample_files
+from flexgen.records import description
+from flexgen.records.tables import read_arrays
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
@@ -54,7 +54,7 @@ SIZES = {  # bytes at most, and what is said of a file of zeros
     ),
     "recording": (
         2 * 10**9,
-        lambda path: read_named(path, description.SIZE_MAX),
+        lambda path: read_arrays(path, description.SIZE_MAX),
         "given what is no .npz file",
         "2000000001 bytes, expected at most 2000",
     ),

@@ -1,6 +1,6 @@
 """Recordings of periodic excitation, or of motions without period, turned into the spectra of an experiment.
 
-The files are described by `flexgen.identification.recordings.description`.
+The files are described by `flexgen.records.description`.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from flexgen.codegen.digest import model_digest
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import HOLDS, Experiment
-from flexgen.identification.recordings.description import (
-    Description,
-    Recording,
-    is_description,
-    read_description,
-)
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.numerics.spectra import all_spectra_beside, spectrum, windowed_spectrum
 from flexgen.paths.joint_limits import beyond_range
 from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.position_servo.keys import LOW_PASS, NOTCH
+from flexgen.records.description import (
+    Description,
+    Recording,
+    is_description,
+    read_description,
+)
 from flexgen.spec.keys import Context, number, read
 from flexgen.spec.tables import Table
 
@@ -43,7 +43,7 @@ def read_experiment(path: str | Path) -> Experiment:
     Parameters
     ----------
     path : str or Path
-        See `flexgen.identification.recordings.description`.
+        See `flexgen.records.description`.
 
     Returns
     -------

@@ -14,13 +14,13 @@ from flexgen.analysis.feasible_bodies import body_of, scales
 from flexgen.analysis.rigid_regressor import BODY, Motion
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
-from flexgen.identification.recordings.description import Description, read_description
 from flexgen.identification.recordings.gear_deflection import GearDeflection, gear_deflection
 from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.result import write_model
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
+from flexgen.records.description import Description, read_description
 from flexgen.results import Result
 
 STEP = 1e-6  # of differences

@@ -1,0 +1,160 @@
+"""Tables of other programs: arrays by name from .csv, .npz and .mat files.
+
+A CSV file has names in line 1, or none where the names of its columns are stated. An empty cell is an instant at which
+its channel was not sampled; such arrays are masked there.
+"""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.npz_files import NpzError, read_npz
+
+EXPECTED = "names in line 1, then numbers with a decimal point, and commas between the columns"
+SKIPPED = "-"  # name of a column that is not read
+LINES = 50  # comments above the names, at most
+
+
+def read_arrays(file: Path, size_max: int, columns: Sequence[str] | None = None) -> dict[str, Any]:
+    """The arrays of a file of another program by their names: .npz, .mat (version 5), .csv.
+
+    Parameters
+    ----------
+    file : Path
+    size_max : int
+        Bytes.
+    columns : sequence of str, optional
+        Names of the columns of a CSV file, in place of those in its first line, if it has any; ``"-"``: left out.
+
+    Raises
+    ------
+    ArgumentError
+        The file is larger than ``size_max`` bytes, cannot be read, or ends otherwise.
+    """
+    if file.stat().st_size > size_max:
+        raise ArgumentError(
+            f"{file}: given {file.stat().st_size} bytes, expected at most {size_max}"
+        )
+    if file.suffix == ".npz":
+        try:
+            return dict(read_npz(file, size_max))
+        except NpzError as error:
+            raise ArgumentError(f"{file}: {error}") from None
+    if file.suffix == ".csv":
+        return _csv(file, columns)
+    if file.suffix == ".mat":
+        from scipy.io import loadmat
+
+        try:
+            found = loadmat(str(file))
+        except Exception as error:  # the reader raises many kinds for a damaged file
+            raise ArgumentError(
+                f"{file}: cannot be read as a MAT file of version 5 ({error})"
+            ) from None
+        return {
+            name: x
+            for name, x in found.items()
+            if isinstance(x, np.ndarray) and not name.startswith("_")
+        }
+    raise ArgumentError(f"{file}: given the ending {file.suffix!r}, expected .mat, .npz or .csv")
+
+
+def _csv(file: Path, columns: Sequence[str] | None) -> dict[str, Any]:
+    """Columns by the names in the first line, or by those that are stated."""
+    try:
+        names, top = _names(file)
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise ArgumentError(f"{file}: cannot be read: {error}; expected {EXPECTED}") from None
+    numbers = bool(names) and all(_is_number(cell) for cell in names)
+    if numbers and columns is None:
+        raise ArgumentError(
+            f"{file}:{top + 1}: given numbers in the first line, expected the names of the "
+            "columns; state them by --columns NAME,NAME,... or as columns = [...] in a description"
+        )
+    if columns is not None:
+        names = [name.strip() for name in columns]
+    if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
+        raise ArgumentError(
+            f"{file}:{top + 1}: given {names[0][:60]!r}, expected commas between the columns, and "
+            "points in the numbers"
+        )
+    try:
+        values = _numbers(file, names, top if numbers else top + 1)
+    except ArgumentError:
+        raise
+    except (OSError, UnicodeError, ValueError, csv.Error) as error:
+        raise ArgumentError(f"{file}: cannot be read: {error}; expected {EXPECTED}") from None
+    kept = [name for name in names if name != SKIPPED]
+    if len(set(kept)) != len(kept):
+        raise ArgumentError(f"{file}: given the names {names}, expected different names")
+    return {name: column for name, column in zip(names, values.T, strict=True) if name != SKIPPED}
+
+
+def _names(file: Path) -> tuple[list[str], int]:
+    """Cells of the first line that is no comment, and the number of lines above it."""
+    with file.open(encoding="utf-8-sig", newline="") as stream:
+        top = 0
+        line = stream.readline()
+        while line.startswith("#") and top < LINES:
+            top, line = top + 1, stream.readline()
+    return [name.strip() for name in next(csv.reader([line]), [])], top
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell or "0")
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(file: Path, names: Sequence[str], top: int) -> np.ndarray:
+    """The numbers below the first lines; a masked array where cells are empty."""
+    with file.open(encoding="utf-8-sig") as stream:
+        for _ in range(top):
+            stream.readline()
+        try:
+            with warnings.catch_warnings(action="ignore"):  # of a file without numbers
+                values = np.asarray(np.loadtxt(stream, delimiter=",", ndmin=2))
+        except ValueError:
+            values = np.zeros((0, 0))
+    if values.size and values.shape[1] == len(names):
+        return values
+    rows: list[list[float]] = []
+    empty: list[list[bool]] = []
+    with file.open(encoding="utf-8-sig", newline="") as stream:
+        for line, cells in enumerate(csv.reader(stream), 1):
+            if line <= top or not "".join(cells).strip() or cells[0].startswith("#"):
+                continue
+            if len(cells) < len(names) or any(map(str.strip, cells[len(names) :])):
+                raise ArgumentError(
+                    f"{file}:{line}: given {len(cells)} cells, expected {len(names)}, one for each "
+                    "name in the first line; decimals have a point"
+                )
+            pairs = list(zip(names, cells, strict=False))
+            rows.append([_number(f"{file}:{line}", *pair) for pair in pairs])
+            empty.append([not cell.strip() for _, cell in pairs])
+    if not rows:
+        raise ValueError("no numbers")
+    mask = np.array(empty)
+    return np.ma.masked_array(np.array(rows), mask) if mask.any() else np.array(rows)
+
+
+def _number(where: str, name: str, cell: str) -> float:
+    """The number in a cell; 0 in an empty one, which is masked."""
+    if name == SKIPPED or not cell.strip():
+        return 0.0
+    try:
+        if "_" in cell:  # only Python reads 1_000 as a number
+            raise ValueError
+        return float(cell)
+    except ValueError:
+        given = cell.strip()[:40]
+        raise ArgumentError(f"{where}: {name}: given {given!r}, expected a number") from None
