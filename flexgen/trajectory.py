@@ -16,6 +16,9 @@ from flexgen.results import Result
 from flexgen.spec.ports import Port
 from flexgen.type_checks import checked_result
 
+# channels of joints, whose unit can be that of all: "rad or m"
+OF_JOINTS = ("q_a", "v_a", "a_a")
+
 
 @checked_result
 @dataclass(frozen=True, repr=False)
@@ -234,3 +237,61 @@ class Trajectory(Result):
             return Trajectory(**vars(content))
         except ArgumentError as error:
             raise ArgumentError(f"{path}: {error}") from None
+
+
+def channel_values(where: str, data: Trajectory, name: str, units: Mapping[str, str]) -> np.ndarray:
+    """A channel of a trajectory in SI units, its columns in the order of their labels.
+
+    Parameters
+    ----------
+    where : str
+        For the error.
+    data : Trajectory
+    name : str
+        Of the channel.
+    units : mapping from label to SI unit
+        Of the columns that are wanted: a channel has these and no others.
+
+    Returns
+    -------
+    array (n, labels)
+
+    Raises
+    ------
+    ArgumentError
+        The channel is missing or has other columns; a unit is not known or of another kind; a number is not finite.
+    """
+    from flexgen.units import conversion
+
+    labels = list(units)
+    given = data.labels[name] if name in data else ()
+    if name not in data:
+        raise ArgumentError(
+            f"{where}: given the channels {', '.join(data)}, expected also {name} of "
+            f"{', '.join(labels)}"
+        )
+    if len(given) != len(labels):
+        raise ArgumentError(
+            f"{where}: given {len(given)} columns of {name}, expected {len(labels)}: "
+            f"{', '.join(labels)}; take the model that it was written for"
+        )
+    if sorted(given) != sorted(labels):
+        raise ArgumentError(
+            f"{where} channel {name}: given columns {', '.join(given)}, expected "
+            f"{', '.join(labels)}; take the model that it was written for"
+        )
+    factors = []
+    for label, unit in zip(given, data.units[name], strict=True):
+        mixed = name in OF_JOINTS and units[label] in unit.split(" or ")
+        same = unit == units[label] or mixed
+        at = f"{where} channel {name}, column {label}"
+        factors.append(1.0 if same else conversion(at, unit, units[label]))
+    values = np.asarray(data[name], dtype=float)
+    if not np.isfinite(values).all():
+        raise ArgumentError(
+            f"{where} channel {name}: given NaN or infinity, expected finite numbers"
+        )
+    order = [given.index(label) for label in labels]
+    if factors != [1.0] * len(factors):
+        values = values * factors
+    return values if order == list(range(len(order))) else values[:, order]

@@ -31,7 +31,6 @@ NAME = 200  # characters of the name of a column, at most
 
 _ROWS = re.compile(r"#\s*rows:\s*(\d{1,12})\s*\Z")
 _COLUMN = re.compile(r"([^\[\]]+)\[([^\[\]]*)\] (.+)\Z", re.DOTALL)
-_TIMES = {"ms": "0.001", "us": "1e-6", "µs": "1e-6", "ns": "1e-9", "min": "60"}
 _WRITE = "write one with 'flexgen solve MODEL --out FILE'"
 
 
@@ -269,7 +268,7 @@ def _read_csv(path: Path) -> Content:
         meta = {} if plain else _object("line 1", json.loads(first.removeprefix("#")))
         top = 1 if plain else 2
         header = _cells(first if plain else _line(stream, 2))
-        _check_time(header, top)
+        second = _time_factor(header, top)
         numbers = array("d")
         count, stated, number = 0, None, top
         while line := _line(stream, number + 1):
@@ -307,20 +306,25 @@ def _read_csv(path: Path) -> Content:
             f"given {last}, expected a complete file: it was cut or changed; write or copy it again"
         )
     table = np.frombuffer(numbers, dtype=float).reshape(count, len(header)).copy()
+    if second != 1.0:
+        table[:, 0] *= second
     return _content(header, table, meta, top)
 
 
-def _check_time(header: list[str], number: int) -> None:
-    """Refuse a first column that is not the time in seconds."""
+def _time_factor(header: list[str], number: int) -> float:
+    """Factor to seconds of the first column; ArgumentError where it is not a time with its unit."""
+    from flexgen.units import FACTORS, factor_of
+
     if not header:
         raise ArgumentError(f"line {number}: given nothing, expected the names of the columns")
     name, _, unit = header[0].partition(" ")
-    if name != "time" or unit != "s":
-        factor = _TIMES.get(unit) if name == "time" else None
-        advice = f"; multiply the column by {factor} and call it 'time s'" if factor else ""
+    factor = factor_of(unit, "s") if name == "time" and unit else None
+    if factor is None:
         raise ArgumentError(
-            f"line {number}: given the first column {header[0][:60]!r}, expected 'time s'{advice}"
+            f"line {number}: given the first column {header[0][:60]!r}, expected 'time s', or time "
+            f"in {', '.join(list(FACTORS['s'])[1:])}"
         )
+    return factor
 
 
 def _parse_row_count(line: str, number: int) -> int:

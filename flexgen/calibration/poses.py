@@ -1,8 +1,8 @@
 """Measured static poses: commands of the joints, and positions of the trackers, from a CSV file.
 
-Names of the columns: those of the actuated coordinates with their unit, ``q1_rad``, ``q1_deg``, ``z_m`` or ``z_mm``;
-those of the trackers with axis and unit, ``m0_x_m`` or ``m0_x_mm``. Other columns are ignored. An empty cell is a
-tracker that was not seen in this pose.
+Names of the columns: those of the actuated coordinates with their unit, ``q1_rad``, ``q1_deg``, ``z_m`` or ``z mm``;
+those of the trackers with axis and unit, ``m0_x_m`` or ``m0_x_mm``; units as of `flexgen.units`. Other columns are
+ignored. An empty cell is a tracker that was not seen in this pose.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from flexgen.calibration.parameters import AXES, trackers_of
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.records.columns import find_column
+from flexgen.records.tables import is_number
 from flexgen.type_checks import checked_result
 
-UNITS = {"rad": {"rad": 1.0, "deg": math.pi / 180.0}, "m": {"m": 1.0, "mm": 1e-3}}
 LARGEST = 100_000  # poses
 FAR = 1e6  # rad or m: no number of a robot
 
@@ -105,11 +106,15 @@ class StaticPoses:
             raise ArgumentError(
                 f"{source}: given an empty file, expected a line of names and a line for each pose"
             )
-        header = [name.strip() for name in rows[0][1]]
+        header, where = [name.strip() for name in rows[0][1]], f"{source}:1"
+        if all(is_number(name) for name in header):
+            raise ArgumentError(
+                f"{where}: given numbers in the first line, expected the names of the columns"
+            )
         actuated = [c for c in model.coordinates if c.actuated]
-        places = [_column(source, header, c.name, c.unit) for c in actuated]
+        places = [find_column(where, header, c.name, c.unit) for c in actuated]
         points = [
-            _column(source, header, f"{s.name}_{axis}", "m")
+            find_column(where, header, f"{s.name}_{axis}", "m")
             for s in trackers_of(model)
             for axis in AXES
         ]
@@ -133,18 +138,6 @@ def _rows(source: Path, reader: Iterator[list[str]]) -> Iterator[tuple[int, list
             )
         if any(cell.strip() for cell in row):
             yield line, row
-
-
-def _column(source: Path, header: list[str], name: str, unit: str) -> tuple[int, float]:
-    """Index of the column of a quantity, and the factor to its SI unit."""
-    names = {f"{name}_{word}": factor for word, factor in UNITS[unit].items()}
-    found = [(k, names[title]) for k, title in enumerate(header) if title in names]
-    if len(found) != 1:
-        given = "two columns" if found else "no column"
-        raise ArgumentError(
-            f"{source}:1: given {given} of {name}, expected one, {' or '.join(names)}"
-        )
-    return found[0]
 
 
 def _numbers(

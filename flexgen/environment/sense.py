@@ -12,9 +12,10 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.sensors import sensor_signals
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.sensors import WRENCH
 from flexgen.spec.fourier import FourierSum
 from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
+from flexgen.trajectory import Trajectory, channel_values
 from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types
 
@@ -77,15 +78,17 @@ def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Tra
     ]
     if not sensors:
         raise ArgumentError(f"model: given {robot.name} without a [[sensor]], expected one or more")
-    widths = dict.fromkeys(MOTION, robot.n_a) | {"q_m": robot.n_m}
-    widths |= {"force": TOOL} if "force" in motion else {}
-    given = {name: np.asarray(motion[name], dtype=float) for name in widths}
-    for name, width in widths.items():
-        if given[name].shape[1:] != (width,) or not np.isfinite(given[name]).all():
-            raise ArgumentError(
-                f"motion, {name}: given shape {given[name].shape}, expected finite numbers of shape (n, {width}) for "
-                f"the model {robot.name}"
-            )
+    joints = {c.name: c.unit for c in robot.coordinates}
+    wanted = {
+        "q_a": joints,
+        "v_a": {name: f"{unit}/s" for name, unit in joints.items()},
+        "a_a": {name: f"{unit}/s^2" for name, unit in joints.items()},
+        "q_m": {motor.name: "rad" for motor in robot.motors},
+    }
+    given = {name: channel_values("motion", motion, name, wanted[name]) for name in wanted}
+    if "force" in motion:
+        wrench = {label: "N" if label in WRENCH[:3] else "N m" for label in WRENCH}
+        given["force"] = channel_values("motion", motion, "force", wrench)
     force = given.get("force", np.zeros((len(motion.time), TOOL)))
     signals = evaluate(signals_of(equations), *(given[name] for name in MOTION), force)[0]
     labels, units = zip(*sensors, strict=True)

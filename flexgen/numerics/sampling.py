@@ -188,8 +188,8 @@ def _roughness(time: np.ndarray, probes: np.ndarray, pieces: Sequence[slice]) ->
         x = probes[piece]
         if len(x) < FEWEST:
             continue
-        found.append(_unpredicted(time[piece], x))
-        plain.append(_unpredicted(np.arange(len(x), dtype=float), x))
+        found.append(_cubic_residual(time[piece], x))
+        plain.append(_cubic_residual(np.arange(len(x), dtype=float), x))
     if not found:
         return 1.0
     size = np.sqrt((np.concatenate(plain) ** 2).mean(axis=0))
@@ -197,7 +197,7 @@ def _roughness(time: np.ndarray, probes: np.ndarray, pieces: Sequence[slice]) ->
     return float(np.sqrt((scaled[:, size > 0.0] ** 2).mean())) if (size > 0.0).any() else 1.0
 
 
-def _unpredicted(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _cubic_residual(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Samples (n - 4, k) less the cubic through the two before and the two after each."""
     at = np.stack([t[:-4], t[1:-3], t[3:-1], t[4:]]) - t[2:-2]
     near = np.stack([x[:-4], x[1:-3], x[3:-1], x[4:]])

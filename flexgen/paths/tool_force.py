@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PPoly
 
-from flexgen.errors import ArgumentError
 from flexgen.torque_curve import spline, then_constant
-from flexgen.trajectory import Trajectory
+from flexgen.trajectory import Trajectory, channel_values
 
 CHANNEL = "force"
 LABELS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -16,14 +15,8 @@ UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
 def read_force(data: Trajectory) -> np.ndarray:
     """Force and torque on the tool in a trajectory, (n, 6) [N, N m], world axes."""
-    values = np.asarray(data[CHANNEL], float)
-    labels, units = data.labels[CHANNEL], data.units[CHANNEL]
-    if tuple(labels) != LABELS or tuple(units) != UNITS or not np.isfinite(values).all():
-        raise ArgumentError(
-            f"trajectory channel {CHANNEL}: given columns {', '.join(labels)} in {', '.join(units)}, expected "
-            f"{', '.join(LABELS)} of finite numbers in {', '.join(UNITS)}"
-        )
-    return values
+    units = dict(zip(LABELS, UNITS, strict=True))
+    return channel_values("trajectory", data, CHANNEL, units)
 
 
 def interpolate_force(t: np.ndarray, samples: np.ndarray) -> PPoly:

@@ -7,13 +7,10 @@ unit that is not known is not taken for a part of the name: a column whose unit 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from flexgen.errors import ArgumentError
-from flexgen.trajectory import Trajectory
 from flexgen.units import CONSTANT, FACTORS, conversion, kind_of
 
 TIMES = ("time", "t", "timestamp")
@@ -128,56 +125,3 @@ def find_time(where: str, header: Sequence[str], *, plain: bool = False) -> tupl
     more = " and commas between the columns, points in the numbers" if one else ""
     shown = ", ".join(text.strip() for text in header)[:200]
     raise ArgumentError(f"{where}: given the columns {shown}, expected time_s or time_ms{more}")
-
-
-def channel_values(where: str, data: Trajectory, name: str, units: Mapping[str, str]) -> np.ndarray:
-    """A channel of a trajectory in SI units, its columns in the order of their labels.
-
-    Parameters
-    ----------
-    where : str
-        For the error.
-    data : Trajectory
-    name : str
-        Of the channel.
-    units : mapping from label to SI unit
-        Of the columns that are wanted: a channel has these and no others.
-
-    Returns
-    -------
-    array (n, labels)
-
-    Raises
-    ------
-    ArgumentError
-        The channel is missing or has other columns; a unit is not known or of another kind; a number is not finite.
-    """
-    labels = list(units)
-    given = data.labels[name] if name in data else ()
-    if name not in data:
-        raise ArgumentError(
-            f"{where}: given the channels {', '.join(data)}, expected also {name} of "
-            f"{', '.join(labels)}"
-        )
-    if len(given) != len(labels):
-        raise ArgumentError(
-            f"{where}: given {len(given)} columns of {name}, expected {len(labels)}: "
-            f"{', '.join(labels)}"
-        )
-    if sorted(given) != sorted(labels):
-        raise ArgumentError(
-            f"{where}: channel {name}: given columns {', '.join(given)}, expected "
-            f"{', '.join(labels)}"
-        )
-    factors = []
-    for label, unit in zip(given, data.units[name], strict=True):
-        same = unit == units[label] or (unit == "rad or m" and units[label] in ("rad", "m"))
-        at = f"{where}: column {name}[{label}]"
-        factors.append(1.0 if same else conversion(at, unit, units[label]))
-    values = np.asarray(data[name], dtype=float)
-    if not np.isfinite(values).all():
-        raise ArgumentError(f"{where}: given NaN or infinity in {name}, expected finite numbers")
-    order = [given.index(label) for label in labels]
-    if factors != [1.0] * len(factors):
-        values = values * factors
-    return values if order == list(range(len(order))) else values[:, order]

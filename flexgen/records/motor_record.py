@@ -20,11 +20,11 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.sampling import Gap, resample
-from flexgen.records.columns import ALIKE, Column, channel_values, column_of, find_time
+from flexgen.records.columns import ALIKE, Column, column_of, find_time
 from flexgen.records.description import read_description
 from flexgen.records.tables import read_arrays
 from flexgen.spec.ports import Port
-from flexgen.trajectory import Trajectory
+from flexgen.trajectory import Trajectory, channel_values
 from flexgen.trajectory_files import LARGEST
 
 CHANNELS = {"q_m": "rad", "tau_m": "N m"}

@@ -72,7 +72,7 @@ def _csv(file: Path, columns: Sequence[str] | None) -> dict[str, Any]:
         names, top = _names(file)
     except (OSError, UnicodeError, csv.Error) as error:
         raise ArgumentError(f"{file}: cannot be read: {error}; expected {EXPECTED}") from None
-    numbers = bool(names) and all(_is_number(cell) for cell in names)
+    numbers = bool(names) and all(is_number(cell) for cell in names)
     if numbers and columns is None:
         raise ArgumentError(
             f"{file}:{top + 1}: given numbers in the first line, expected the names of the "
@@ -107,7 +107,8 @@ def _names(file: Path) -> tuple[list[str], int]:
     return [name.strip() for name in next(csv.reader([line]), [])], top
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell has a number, or nothing."""
     try:
         float(cell or "0")
     except ValueError:

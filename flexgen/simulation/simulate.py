@@ -29,7 +29,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import output_labels
+from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -40,7 +40,7 @@ from flexgen.simulation.result import Simulation, growth_text, output_error, rec
 from flexgen.simulation.run import Input, Run, has_memory, run
 from flexgen.simulation.start import start_state
 from flexgen.torque_curve import constant, side_by_side, spline, then_constant, torque_curve
-from flexgen.trajectory import Trajectory
+from flexgen.trajectory import Trajectory, channel_values
 from flexgen.type_checks import checked_types
 
 if TYPE_CHECKING:
@@ -60,39 +60,29 @@ AUTO, NONE, PPI = "auto", "none", "ppi"
 FEEDBACKS = (AUTO, NONE, PPI)
 
 
-def _read_channels(  # noqa: C901
+def _read_channels(
     model: RobotModel, data: Trajectory, moving: bool = False
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The channels that a simulation needs, with columns in the order of the model, and warnings."""
     names_m, of_a = tuple(m.name for m in model.motors), {c.name: c.unit for c in model.coordinates}
     wanted = {
-        "tau_m": (names_m, dict.fromkeys(names_m, "N m")),
-        "q_a": (tuple(of_a), of_a),
-        "q_m": (names_m, dict.fromkeys(names_m, "rad")),
+        "tau_m": dict.fromkeys(names_m, "N m"),
+        "q_a": of_a,
+        "q_m": dict.fromkeys(names_m, "rad"),
     }
     found = {}
-    for name, (labels, units) in wanted.items():
+    for name, units in wanted.items():
         if name not in data.channels:
             raise ArgumentError(
                 f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'"
             )
-        if sorted(data.labels[name]) != sorted(labels):
-            raise ArgumentError(
-                f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
-                f"{', '.join(labels)} for model {model.name}; take the model that it was written for"
-            )
-        for label, unit in zip(data.labels[name], data.units[name], strict=True):
-            if unit != units[label] and not (name == "q_a" and unit == "rad or m"):
-                raise ArgumentError(
-                    f"trajectory channel {name}: given in {unit}, expected in {units[label]} (column {label})"
-                )
-        if not np.isfinite(data[name]).all():
-            raise ArgumentError(
-                f"trajectory channel {name}: given NaN or infinity, expected finite numbers"
-            )
-        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
-    for name, labels in output_labels(model).items():
-        if name not in data.channels:
+        found[name] = channel_values("trajectory", data, name, units)
+    outputs = output_labels(model)
+    if "y_ref" in data.channels:
+        units = dict(zip(outputs["y_ref"], output_units(model), strict=True))
+        found["y_ref"] = channel_values("trajectory", data, "y_ref", units)
+    for name, labels in outputs.items():
+        if name not in data.channels or name in found:
             continue
         if sorted(data.labels[name]) != sorted(labels) or not np.isfinite(data[name]).all():
             raise ArgumentError(

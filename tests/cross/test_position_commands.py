@@ -373,7 +373,10 @@ def test_bad_arguments_of_commands(solved, given, message):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ("t,q1_deg\n0,1\n", r"record.csv:1: given the column 't' without a unit, expected 't s' or"),
+        (
+            "t,q1_deg\n0,1\n",
+            r"record.csv:1: given the column 't' without a unit, expected 't s' or",
+        ),
         ("clock,q1_deg\n0,1\n", r"given the columns clock, q1_deg, expected time_s or time_ms"),
         (
             "time_s,q1_command_deg,q1_deg\n0,1,1\n",

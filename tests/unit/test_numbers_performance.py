@@ -167,9 +167,7 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
         identify_load(flat, quiet)
     short = {name: given[name][:199] for name in ("q_m", "tau_m")}
     ports, labels = given.ports, given.labels
-    with pytest.raises(
-        ArgumentError, match=r"record: given 199 samples, expected at least 200"
-    ):
+    with pytest.raises(ArgumentError, match=r"record: given 199 samples, expected at least 200"):
         identify_load("elbow", Trajectory(given.time[:199], short, ports, labels))
     # seconds since 1970, in double precision
     rounded = identify_load("elbow", replace(given, time=1.7e9 + given.time))

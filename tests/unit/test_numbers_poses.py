@@ -47,11 +47,14 @@ def test_columns_of_a_file_have_units_and_any_order(
     [
         ("", ": given an empty file, expected a line of names and a line for each pose"),
         (f"\n{HEAD}\n\n", ": given a line of names only, expected a line for each pose"),
-        (HEAD.replace("q2_deg", "q2"), ":1: given no column of q2, expected one, q2_rad or q2_deg"),
+        (
+            HEAD.replace("q2_deg", "q2"),
+            ":1: given no column of q2, expected one, q2_rad or q2_deg: the column 'q2' states no unit",
+        ),
         (f"{HEAD},q2_rad", ":1: given two columns of q2, expected one, q2_rad or q2_deg"),
         (
             HEAD.replace("b_z_mm", "b_z_deg"),
-            ":1: given no column of b_z, expected one, b_z_m or b_z_mm",
+            ":1: column 'b_z_deg': given 'deg', an angle, expected a length in m, mm, cm, um",
         ),
         (f"{HEAD}\n\n{LINE},1", ":3: given 10 cells, expected 9, as line 1"),
         (f"{HEAD}\n{LINE[:-2]}", ":2: given 8 cells, expected 9, as line 1"),

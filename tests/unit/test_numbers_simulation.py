@@ -614,16 +614,18 @@ def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
         ),
         (
             {"tau_m": (np.zeros((3, 2)), ("m1", "m3"), "N m")},
-            "trajectory channel tau_m: given columns m1, m3, expected m1, m2 for model elbow; take the model that it "
+            "trajectory channel tau_m: given columns m1, m3, expected m1, m2; take the model that it "
             "was written for",
         ),
         (
-            {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "deg")},
-            "trajectory channel q_m: given in deg, expected in rad (column m1)",
+            {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "gon")},
+            "trajectory channel q_m, column m1: given 'gon', an unknown unit, expected an angle in "
+            "rad, mrad, urad, deg, arcmin, rev",
         ),
         (
             {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "rad or m")},
-            "trajectory channel q_m: given in rad or m, expected in rad (column m1)",
+            "trajectory channel q_m, column m1: given 'rad or m', an unknown unit, expected an angle "
+            "in rad, mrad, urad, deg, arcmin, rev",
         ),
         (
             {"q_a": (np.full((3, 2), np.inf), ("q1", "q2"), "rad")},
@@ -631,11 +633,12 @@ def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
         ),
         (
             {"y_ref": (np.zeros((3, 2)), ("x", "y"), "m")},
-            "trajectory channel y_ref: given columns x, y, expected x, z of finite numbers",
+            "trajectory channel y_ref: given columns x, y, expected x, z; take the model that it was "
+            "written for",
         ),
         (
             {"y_ref": (np.full((3, 2), np.nan), ("x", "z"), "m")},
-            "trajectory channel y_ref: given columns x, z, expected x, z of finite numbers",
+            "trajectory channel y_ref: given NaN or infinity, expected finite numbers",
         ),
     ],
 )

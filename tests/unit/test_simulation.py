@@ -83,8 +83,8 @@ def test_columns_are_known_by_their_labels(tmp_path) -> None:  # type: ignore[no
         written([text[0], *swapped_pair(text[1:-1], "y_ref[x] m", "y_ref[z] m"), text[-1]]),
     )
     assert again.tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
-    with pytest.raises(ArgumentError, match="tau_m: given in kN m, expected in N m"):
-        simulate(equations, written([text[0], text[1].replace("] N m", "] kN m"), *text[2:]]))
+    with pytest.raises(ArgumentError, match="tau_m, column m1: given 'N', a force, expected a to"):
+        simulate(equations, written([text[0], text[1].replace("] N m", "] N"), *text[2:]]))
     with pytest.raises(ArgumentError, match="q_a: given columns q1, q9, expected q1, q2"):
         simulate(equations, written([text[0], text[1].replace("q_a[q2]", "q_a[q9]"), *text[2:]]))
     with pytest.raises(ArgumentError, match="line 7: given 3 columns, expected"):
