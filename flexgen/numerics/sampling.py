@@ -20,9 +20,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.signal import firwin, oaconvolve
 
 from flexgen.errors import ArgumentError
@@ -136,7 +137,7 @@ def read_clock(where: str, time: np.ndarray, probes: np.ndarray) -> Clock:
     usual = max(step, float(np.percentile(steps, USUAL)))
     after = np.flatnonzero(steps > GAP * usual) + 1
     edges = [0, *after.tolist(), len(time)]
-    pieces = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    pieces = [slice(a, b) for a, b in pairwise(edges)]
     gaps = tuple(Gap(float(time[k - 1]), float(time[k])) for k in after)
     inner = np.delete(steps, after - 1)
     if (np.abs(inner - step) <= EVEN * step).all():
@@ -322,7 +323,7 @@ def _low_pass(x: np.ndarray, ratio: int) -> np.ndarray:
     return np.asarray(oaconvolve(padded, taps, mode="valid"))
 
 
-def _spline(t: np.ndarray, x: np.ndarray):  # type: ignore[no-untyped-def]
+def _spline(t: np.ndarray, x: np.ndarray) -> BSpline:
     """The spline through samples; of lower degree where stamps are close to each other."""
     steps = np.diff(t)
     degree = DEGREE if steps.min() > CLOSE * np.median(steps) else 1

@@ -67,6 +67,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -435,7 +436,7 @@ class Recording:
                 f"{self.file}: given no channel {channel.name!r}, expected one of "
                 f"{', '.join(sorted(arrays))}"
             )
-        x = np.ma.asanyarray(arrays[channel.name])
+        x: Any = np.ma.asanyarray(arrays[channel.name])
         if channel.index is not None:
             x = self._row(x, channel)
         if (

@@ -209,7 +209,6 @@ def test_a_damaged_file_is_refused(tmp_path):
         read_experiment(file)
     file = written(tmp_path, TEXT.replace("run.npz", "run.csv"))
     (tmp_path / "run.csv").write_text("t,current,angle\n1,2\n3,4,5\n")
-    expected = r"; expected names in line 1, then numbers with a decimal point, and commas between the columns"
     with pytest.raises(
         ArgumentError,
         match=r"run\.csv:2: given 2 cells, expected 3, one for each name in the first line",
