@@ -77,6 +77,8 @@ class MotionFit(Estimated):
         Sentences on directions that the data do not determine.
     segments, iterations : int
     wall_s : float [s]
+    notes : tuple of str
+        What was done to the recordings, as sentences.
 
     Examples
     --------
@@ -98,6 +100,7 @@ class MotionFit(Estimated):
     segments: int
     iterations: int
     wall_s: float
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         fit = ", ".join(f"{value:.1f} %" for value in self.fit_percent)
@@ -444,6 +447,7 @@ def fit_motion(
         segments=len(shooting.starts),
         iterations=fit.iterations,
         wall_s=time.perf_counter() - began,
+        notes=data.notes,
         source=str(recordings),
     )
 

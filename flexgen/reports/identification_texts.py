@@ -214,6 +214,7 @@ def text_of_rigid(found: RigidIdentification) -> str:
         table(balance, ("counterbalance", "N m, arm side")) if balance else "",
         "stiffness of the gears from the link encoders, arm side, 90 % interval:" if gears else "",
         gears,
+        _sentences(found.notes),
     )
 
 
@@ -263,6 +264,7 @@ def text_of_motion_fit(found: MotionFit, segment_s: float | None = None) -> str:
         table(rows, PARAMETERS),
         table([[*row] for row in zip(*columns, strict=True)], tuple(head)),
         _sentences(found.weak),
+        _sentences(found.notes),
     )
 
 

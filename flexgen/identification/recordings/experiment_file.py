@@ -37,13 +37,17 @@ GAINS = ("position_gain", "speed_gain", "integral_gain")
 NOISES = ("encoder_resolution_rad", "encoder_noise_rad", "torque_noise_Nm")
 
 
-def read_experiment(path: str | Path) -> Experiment:
+def read_experiment(
+    path: str | Path, progress: Callable[[str], None] | None = None
+) -> Experiment:
     """Read the recordings that a TOML file describes.
 
     Parameters
     ----------
     path : str or Path
         See `flexgen.records.description`.
+    progress : callable, optional
+        Called with what was done to the files, as sentences.
 
     Returns
     -------
@@ -57,6 +61,9 @@ def read_experiment(path: str | Path) -> Experiment:
         A recording cannot be used: file, channel, time.
     """
     found = read_description(path)
+    if progress is not None:
+        for note in found.notes:
+            progress(note)
     root, model = found.root, found.model
     periodic = "segment_s" not in root
     if not periodic and ("period_s" in root or "transients" in root):
@@ -196,7 +203,7 @@ def load_experiment(path: str | Path, progress: Callable[[str], None] | None = N
         return Experiment.load(path)
     if progress is not None:
         progress(f"reading the recordings of {path}")
-    return read_experiment(path)
+    return read_experiment(path, progress)
 
 
 def _choice_of_lines(root: Table) -> str:

@@ -36,13 +36,14 @@ class RigidIdentification(Result):
 
     ``fit``; ``errors``: those of each motor relative to the standard deviation of its torque, one row for each
     recording, by ``fitted``, and ``validated`` or ``left out``; ``gears``: by the joint, where a link has an encoder;
-    ``source``: of the recordings.
+    ``source``: of the recordings; ``notes``: what was done to their files, as sentences.
     """
 
     fit: RigidFit
     errors: dict[str, list[list[float]]]
     gears: dict[str, GearDeflection]
     source: str
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def numbers(self) -> dict[str, float]:
@@ -82,6 +83,7 @@ class RigidIdentification(Result):
             "mistake": None if fit.mistake is None else vars(fit.mistake),
             "motors": [motor.name for motor in fit.model.motors],
             "relative_errors": self.errors,
+            "notes": list(self.notes),
             "limit_hz": fit.limit_hz if np.isfinite(fit.limit_hz) else None,
             "lags": [
                 {"name": k, "unit": unit, "value": x, "sd": sd} for k, unit, x, sd in self.lags
@@ -129,7 +131,8 @@ def identify_bodies(
         fit = fit.validated(fitted, others)
     elif fit.left_out is not None:
         errors["left out"] = [fit.left_out.tolist()]
-    return RigidIdentification(fit, errors, gear_deflections(fit, data), str(recordings))
+    gears = gear_deflections(fit, data)
+    return RigidIdentification(fit, errors, gears, str(recordings), data.notes)
 
 
 def gear_deflections(fit: RigidFit, data: Description) -> dict[str, GearDeflection]:
