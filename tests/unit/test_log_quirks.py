@@ -234,7 +234,7 @@ def test_positions_and_torques_in_two_files(tmp_path: Path) -> None:
     (run,) = [run for _, run in found.recordings]
     assert deviation(arm, (run.t, run.q_m, run.tau_m), "") < BOUNDS["two rates"]
     assert run.sample_s == pytest.approx(4e-3) and "250 Hz, 1000 Hz" in found.notes[0]
-    write_csv(tmp_path / "tau.csv", {"t": slow, "a": tau[:, 0], "d": tau[:, 1]})
+    write_csv(tmp_path / "tau.csv", {"t": slow, "a": slow, "c": tau[:, 0], "d": tau[:, 1]})
     with pytest.raises(ArgumentError, match="given the channel 'a' in several files"):
         read_description(file)
 
