@@ -142,3 +142,58 @@ def test_recordings_with_gaps_have_no_periods(tmp_path: Path) -> None:
         read_experiment(file)
     assert main(["frf", str(file), "--out", out, "--quiet"]) == 1
 
+
+
+@pytest.mark.parametrize("quirk", [quirk for quirk in QUIRKS if quirk not in REFUSED])
+def test_gears_of_logs(quirk: str, tmp_path: Path) -> None:
+    """`identify_gears`: the inertia of a rotor that the model has wrong, beside friction, delay and gears."""
+    text = MODEL.replace("inertia = 1e-4", "inertia = 1.2e-4")
+    text = text.replace("damping = 1.0", "damping = 50.0").replace("damping = 0.1", "damping = 5.0")
+    (tmp_path / "pl.toml").write_text(text)
+    end = 12.0 if "jitter" in quirk else 30.0
+    file, names = written(tmp_path, quirky(quirk, Arm(rest=3.0 * (quirk == "rest")), end))
+    given = {"columns": names} if quirk == "names by option" else {}
+    found = flexgen.identify_gears(
+        tmp_path / "pl.toml", file, hysteresis=False, free=["m2.inertia"], progress=False, **given
+    )
+    assert found.values["m2.inertia"] == pytest.approx(1e-4, rel=2e-3)
+
+
+def test_gears_refuse_what_no_motor_has(tmp_path: Path) -> None:
+    (tmp_path / "pl.toml").write_text(MODEL)
+    for quirk, words in REFUSED.items():
+        file, _ = written(tmp_path, quirky(quirk, Arm(), 4.0))
+        with pytest.raises(flexgen.FlexgenError, match=words):
+            flexgen.identify_gears(tmp_path / "pl.toml", file, hysteresis=False, progress=False)
+
+
+@pytest.fixture
+def arm_log(tmp_path: Path) -> Path:
+    """As of a controller of an arm: four decimals, unequal steps, seconds since its start, joints and currents."""
+    rng = np.random.default_rng(11)
+    t = 40.0 * rng.uniform() + np.cumsum(rng.choice([0.008, 0.010, 0.012, 0.016], size=2600))
+    current = LOAD.torques(t) / CONSTANTS + 0.01 * rng.normal(size=(len(t), 2))
+    columns = {"timestamp": t + 86400.0}
+    columns |= {f"actual_q_{k}": LOAD.motors(t)[:, k] / (100.0, 80.0)[k] for k in (0, 1)}
+    columns |= {f"actual_current_{k}": current[:, k] for k in (0, 1)}
+    rows = np.stack(list(columns.values()), axis=1)
+    lines = [",".join(columns), *(",".join(f"{x:.4f}" for x in row) for row in rows)]
+    (tmp_path / "arm.csv").write_text("\n".join(lines) + "\n")
+    text = 'model = "pl.toml"\n[time]\nname = "timestamp"\nunit = "s"\n'
+    for k in (0, 1):
+        text += f'[[angle]]\nmotor = "m{k + 1}"\nname = "actual_q_{k}"\nunit = "rad"\nside = "arm"\n'
+        text += f'[[torque]]\nmotor = "m{k + 1}"\nname = "actual_current_{k}"\nunit = "A"\n'
+        text += f'constant = {CONSTANTS[k]}\nside = "motor"\n'
+    (tmp_path / "arm.toml").write_text(text + '[[recording]]\nfile = "arm.csv"\n')
+    (tmp_path / "pl.toml").write_text(MODEL)
+    return tmp_path / "arm.toml"
+
+
+def test_a_log_of_four_decimals_and_unequal_steps(arm_log: Path) -> None:
+    load = flexgen.identify_load(arm_log.with_name("pl.toml"), arm_log)
+    assert load.mass == pytest.approx(2.6, abs=SURE * load.mass_sd) and load.mass_sd < 0.2
+    assert "steps of 8 to 16 ms" in load.notes[0]
+    found = identify_bodies(flexgen.read(arm_log.with_name("pl.toml")), arm_log, progress=False)
+    first = found.numbers["fore.mass"] * found.numbers["fore.com_z"]
+    assert found.fit.status.has_deviations
+    assert first == pytest.approx(12.0 * 0.16 + 2.6 * 0.45, rel=0.02)
