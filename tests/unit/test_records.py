@@ -71,3 +71,20 @@ def test_a_slow_transient_is_in_all_periods() -> None:
     colored = np.r_[np.full(3, 30.0), np.ones(37)][:, None]
     assert not any(slow_transients(colored * spectra(0.0, seed=k)).any() for k in range(300))
     assert not slow_transients(spectra(9.0)[:, :2]).any()  # two periods show nothing
+
+
+def test_counts_of_an_encoder_at_rest_are_no_lost_samples() -> None:
+    """Three seconds of rest, one count of noise, stamps of 10 and 12 ms that were interpolated to 10 ms."""
+    rng, count = np.random.default_rng(3), 1.2e-5
+    for rest in (0.0, 3.0, 20.0):
+        t = np.cumsum(rng.choice([0.010, 0.012], size=2600, p=[0.67, 0.33]))
+        s = np.clip(t - rest, 0.0, None)
+        x = np.clip(s / 3, 0, 1) ** 3 * 0.6 * np.sin(2 * np.pi * 0.25 * s)
+        seen = count * np.round(x / count + 0.5 * rng.normal(size=len(t)))
+        at = np.arange(t[0], t[-1], 0.01)
+        resampled = np.interp(at, t, seen)
+        assert len(lost_samples(seen)) == len(lost_samples(resampled)) == 0
+        moving = np.flatnonzero(at > rest + 1.0)
+        for k in moving[:: len(moving) // 20]:  # the motion goes on, the samples do not
+            resampled[k : k + 6] = resampled[k]
+        assert len(lost_samples(resampled)) >= 10
