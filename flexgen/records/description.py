@@ -78,7 +78,7 @@ from flexgen.numerics.records import lost_samples
 from flexgen.numerics.sampling import GAP, Piece, Sampled, resample
 from flexgen.records import keys
 from flexgen.records.columns import column_of
-from flexgen.records.tables import read_arrays
+from flexgen.records.tables import SKIPPED, read_arrays
 from flexgen.sensors import UNITS
 from flexgen.spec.tables import Table, closest, parse_file
 from flexgen.units import CURRENTS, FACTORS, factor_of, spelling
@@ -160,7 +160,7 @@ def read_description(path: str | Path) -> Description:
     signals = _signals(root, model)
     references = _channels(root, "reference", model) if "reference" in root else []
     channels = torques, angles, signals, references
-    columns = root.words("columns") if "columns" in root else None
+    columns = _columns(root) if "columns" in root else None
     found = []
     for table in root.tables("recording"):
         table.only(*keys.RECORDING.names)
@@ -206,6 +206,16 @@ def _at_one_rate(
         out += [(table, part) for part in parts]
         notes += [f"{one.file}: {note}" for note in parts[0].notes]
     return out, notes
+
+
+def _columns(root: Table) -> list[str]:
+    """Names of the columns of files without a header; those that are left out may repeat."""
+    given = root.plain("columns", "a list of names")
+    words = given if isinstance(given, list) else []
+    kept = [word for word in words if word != SKIPPED]
+    if not kept or not all(isinstance(word, str) for word in words) or len(set(kept)) < len(kept):
+        raise root.fail("columns", f"a list of different names; {SKIPPED!r} leaves a column out")
+    return words
 
 
 def _files(source: Path, table: Table) -> list[Path]:

@@ -94,7 +94,9 @@ def described(folder: Path, log: Log, named: bool, more: str = "") -> Path:
     text += f'[time]\nname = "c0"\nunit = "{time}"\n'
     for j, motor in enumerate(log.motors):
         constant = f"constant = {CONSTANTS[j]}\n" if torque == "A" and log.constants else ""
-        text += f'[[angle]]\nmotor = "{motor}"\nname = "c{j + 1}"\nunit = "{angle}"\nside = "motor"\n'
+        text += (
+            f'[[angle]]\nmotor = "{motor}"\nname = "c{j + 1}"\nunit = "{angle}"\nside = "motor"\n'
+        )
         text += f'[[torque]]\nmotor = "{motor}"\nname = "c{j + 3}"\nunit = "{torque}"\n'
         text += f'{constant}side = "motor"\n'
     (folder / "log.toml").write_text(text + '[[recording]]\nfile = "log.csv"\n')
@@ -143,7 +145,6 @@ def test_recordings_with_gaps_have_no_periods(tmp_path: Path) -> None:
     assert main(["frf", str(file), "--out", out, "--quiet"]) == 1
 
 
-
 @pytest.mark.parametrize("quirk", [quirk for quirk in QUIRKS if quirk not in REFUSED])
 def test_gears_of_logs(quirk: str, tmp_path: Path) -> None:
     """`identify_gears`: the inertia of a rotor that the model has wrong, beside friction, delay and gears."""
@@ -181,7 +182,9 @@ def arm_log(tmp_path: Path) -> Path:
     (tmp_path / "arm.csv").write_text("\n".join(lines) + "\n")
     text = 'model = "pl.toml"\n[time]\nname = "timestamp"\nunit = "s"\n'
     for k in (0, 1):
-        text += f'[[angle]]\nmotor = "m{k + 1}"\nname = "actual_q_{k}"\nunit = "rad"\nside = "arm"\n'
+        text += (
+            f'[[angle]]\nmotor = "m{k + 1}"\nname = "actual_q_{k}"\nunit = "rad"\nside = "arm"\n'
+        )
         text += f'[[torque]]\nmotor = "m{k + 1}"\nname = "actual_current_{k}"\nunit = "A"\n'
         text += f'constant = {CONSTANTS[k]}\nside = "motor"\n'
     (tmp_path / "arm.toml").write_text(text + '[[recording]]\nfile = "arm.csv"\n')

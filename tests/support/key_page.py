@@ -38,6 +38,7 @@ from flexgen.model.format_robot import (
 )
 from flexgen.model.format_tasks import LEG, MOVE, OUTPUT
 from flexgen.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
+from flexgen.records import keys as records
 from flexgen.spec.keys import REQUIRED, Form, Key, Kinds, Schema
 from flexgen.spec.memory import HYSTERESIS, LUGRE
 from flexgen.spec.schema import key_schemas
@@ -46,6 +47,7 @@ from flexgen.sweeps.grid_file import GRID, RANDOM
 
 HUGE = 1e9  # bounds that no user reaches
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "model_keys.md"
+RECORDINGS = PAGE.with_name("recording_keys.md")
 TABLES: dict[str, Form] = {
     "The file": MODEL,
     "`[[element]]`": ELEMENT,
@@ -111,6 +113,24 @@ and of the scenarios of benchmarks; their numbers have any magnitude. A controll
 law has the parameters of its class as keys. A scenario of format 1 has `[[disturbance]]` instead of `rule`, `[draw]`
 and `[[segment]]`, and no `version` of `[measures]`.
 """
+
+
+RECORDINGS_TOP = """# Keys of descriptions of recordings
+
+This page lists all keys of the `.toml` files that describe [records of a real robot](records.md). It is written from
+the rows in `flexgen/records/keys.py`, which the reader takes too.
+"""
+
+
+def recordings_page() -> str:
+    """The text of the page of descriptions."""
+    lines = [RECORDINGS_TOP]
+    for table in records.TABLES:
+        lines += [f"## {table.title}", "", f"{table.meaning}.", ""]
+        lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
+        lines += [f"| `{r.key}` | {r.value} | {r.default} | {r.meaning} |" for r in table.rows]
+        lines.append("")
+    return "\n".join(lines)
 
 
 def page() -> str:
@@ -219,3 +239,4 @@ def _list_text(schema: Schema) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    RECORDINGS.write_text(recordings_page(), encoding="utf-8")

@@ -224,7 +224,9 @@ def quirky(quirk: str, arm: Arm, end: float = 20.0) -> Log:
     if quirk == "gap":
         return Log(np.delete(values, slice(500, 620), axis=0))
     if quirk == "rest":
-        values[:, 1:3] = COUNT * np.round(values[:, 1:3] / COUNT + 0.3 * rng.normal(size=(len(t), 2)))
+        values[:, 1:3] = COUNT * np.round(
+            values[:, 1:3] / COUNT + 0.3 * rng.normal(size=(len(t), 2))
+        )
         return Log(values)
     if quirk == "order":
         return Log(values, order=(3, 2, 4, 0, 1))

@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from key_page import OTHERS, PAGE, TABLES, page
+from key_page import OTHERS, PAGE, RECORDINGS, TABLES, page, recordings_page
 
 import flexgen
+from flexgen import units
+from flexgen.identification.recordings import experiment_file
 from flexgen.model.elements import Motor
 from flexgen.model.format_robot import BODY, SPRING
 from flexgen.model.reader import read
+from flexgen.records import keys as records
 from flexgen.spec.keys import Form, Key, Kinds
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -128,6 +131,24 @@ def test_planted_second_statement_is_found(
 
 def test_page_of_keys_is_that_of_the_rows() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "run: make golden"
+    assert RECORDINGS.read_text(encoding="utf-8") == recordings_page(), "run: make golden"
+
+
+def test_units_of_recordings_on_the_pages_are_those_that_are_read() -> None:
+    """Each kind in its row; `docs/records.md` has all of them."""
+    text = (ROOT / "docs" / "records.md").read_text(encoding="utf-8")
+    for si in ("s", "rad", "m", "rad/s", "m/s", "N m", "N"):
+        assert all(f"`{unit}`" in text for unit in units.FACTORS[si])
+    rows = {table.title: {r.key: r.value for r in table.rows} for table in records.TABLES}
+    named = {
+        "`[time]`": {"s"}, "`[[torque]]`": {"N m", "N"}, "`[[angle]]`, `[[reference]]`": {"rad", "m"},
+    }  # fmt: skip
+    for title, kinds in named.items():
+        found = set(re.findall(r"`([^`]*)`", rows[title]["unit"].replace('`side = "arm"`', "")))
+        expected = {unit for si in kinds for unit in units.FACTORS[si]}
+        assert found == expected | (set(units.CURRENTS) if "N m" in kinds else set())
+    drive = set(rows["`[drive]`"])
+    assert drive == {*experiment_file.GAINS, *experiment_file.NOISES, "low_pass", "notch"}
 
 
 def springs_of(text: str) -> dict[str, tuple[str, ...]]:

@@ -51,9 +51,7 @@ def columns_of(log: Log, style: str) -> list[str]:
 
 def written(folder: Path, log: Log, names: list[str]) -> Path:
     """The CSV file of a log."""
-    file = write_csv(
-        folder / "log.csv", {names[k]: log.values[:, k] for k in log.order}, digits=15
-    )
+    file = write_csv(folder / "log.csv", {names[k]: log.values[:, k] for k in log.order}, digits=15)
     if not log.header:
         file.write_text(file.read_text().partition("\n")[2])
     return file
@@ -108,7 +106,9 @@ def described(folder: Path, log: Log, named: bool, more: str = "") -> Path:
     text += f'[time]\nname = "c0"\nunit = "{time}"\n'
     for j, motor in enumerate(log.motors):
         constant = f"constant = {CONSTANTS[j]}\n" if torque == "A" and log.constants else ""
-        text += f'[[angle]]\nmotor = "{motor}"\nname = "c{j + 1}"\nunit = "{angle}"\nside = "motor"\n'
+        text += (
+            f'[[angle]]\nmotor = "{motor}"\nname = "c{j + 1}"\nunit = "{angle}"\nside = "motor"\n'
+        )
         text += f'[[torque]]\nmotor = "{motor}"\nname = "c{j + 3}"\nunit = "{torque}"\n'
         text += f'{constant}side = "motor"\n'
     (folder / "log.toml").write_text(text + f'[[recording]]\nfile = "{file.name}"\n')
@@ -201,7 +201,9 @@ def test_a_column_of_another_name_is_not_taken_by_its_place(tmp_path: Path) -> N
     t = 8e-3 * np.arange(300)
     q, tau = arm.joints(t), arm.torques(t)
     names = {"timestamp s": t, "m2 N m": tau[:, 1], "temperature degC": 20 + t, "m1_Nm": tau[:, 0]}
-    file = write_csv(tmp_path / "a.csv", names | {"q2_deg": np.degrees(q[:, 1]), "q1 [rad]": q[:, 0]})
+    file = write_csv(
+        tmp_path / "a.csv", names | {"q2_deg": np.degrees(q[:, 1]), "q1 [rad]": q[:, 0]}
+    )
     found = read_motor_record(robot, file).trajectory
     assert found["tau_m"] == pytest.approx(tau, abs=1e-8)
     assert found["q_m"] == pytest.approx(q * [100.0, 80.0], abs=1e-6)
@@ -209,11 +211,37 @@ def test_a_column_of_another_name_is_not_taken_by_its_place(tmp_path: Path) -> N
     with pytest.raises(ArgumentError, match="given angles of motors and of joints"):
         read_motor_record(robot, file)
     write_csv(file, names | {"tau_m[m2] N m": tau[:, 1]})
-    with pytest.raises(ArgumentError, match=r"'m2 N m' and 'tau_m\[m2\] N m', expected one of tau_"):
+    with pytest.raises(
+        ArgumentError, match=r"'m2 N m' and 'tau_m\[m2\] N m', expected one of tau_"
+    ):
         read_motor_record(robot, file)
     write_csv(file, names | {"q2_deg": q[:, 1]})
-    with pytest.raises(ArgumentError, match=r"a\.csv: given the columns .*, expected also q\[q1\] rad"):
+    with pytest.raises(
+        ArgumentError, match=r"a\.csv: given the columns .*, expected also q\[q1\] rad"
+    ):
         read_motor_record(robot, file)
+
+
+def test_columns_that_are_left_out_have_no_names(tmp_path: Path) -> None:
+    """Two columns of text without a header, by the key of a description and by the option."""
+    (tmp_path / "pl.toml").write_text(MODEL)
+    log = quirky("no header", Arm(), 4.0)
+    file = described(tmp_path, log, True)
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    (tmp_path / "log.csv").write_text("".join(f"0,{line},automatic\n" for line in lines))
+    with pytest.raises(flexgen.FlexgenError, match="given 7 cells, expected 5"):
+        read_description(file)
+    text = file.read_text()
+    file.write_text(text.replace("columns = [", "columns = ['-', ").replace("'c4']", "'c4', '-']"))
+    assert len(read_description(file).recordings[0][1].t) == len(log.values)
+    names = ["-", *columns_of(log, "label"), "-"]
+    found = read_motor_record(flexgen.read(tmp_path / "pl.toml"), tmp_path / "log.csv", names)
+    assert len(found.trajectory.time) == len(log.values)
+    file.write_text(text.replace("'c3', 'c4'", "'c3', 'c3'"))
+    with pytest.raises(
+        flexgen.FlexgenError, match=r"columns: given .*, expected a list of different"
+    ):
+        read_description(file)
 
 
 def test_positions_and_torques_in_two_files(tmp_path: Path) -> None:

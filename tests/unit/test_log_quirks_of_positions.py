@@ -125,7 +125,11 @@ def test_static_poses_have_units_and_labels(tmp_path: Path) -> None:
     for old, new, words in (
         ("q1_mrad", "q1_gon", "column 'q1_gon': given 'gon', an unknown unit, expected an angle"),
         ("q1_mrad", "q1_mm", "column 'q1_mm': given 'mm', a length, expected an angle"),
-        ("q1_mrad", "q1", "given no column of q1, expected one, .*: the column 'q1' states no unit"),
+        (
+            "q1_mrad",
+            "q1",
+            "given no column of q1, expected one, .*: the column 'q1' states no unit",
+        ),
         ("q1_mrad", "q3_mrad", "given no column of q1, expected one, q1_rad or q1_deg"),
         ("m0_x_m", "m1_x_m", "given no column of m0_x, expected one, m0_x_m or m0_x_mm"),
         ("note", "m0_z_m", "given two columns of m0_z, expected one"),

@@ -37,9 +37,7 @@ GAINS = ("position_gain", "speed_gain", "integral_gain")
 NOISES = ("encoder_resolution_rad", "encoder_noise_rad", "torque_noise_Nm")
 
 
-def read_experiment(
-    path: str | Path, progress: Callable[[str], None] | None = None
-) -> Experiment:
+def read_experiment(path: str | Path, progress: Callable[[str], None] | None = None) -> Experiment:
     """Read the recordings that a TOML file describes.
 
     Parameters
