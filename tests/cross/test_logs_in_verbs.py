@@ -140,7 +140,9 @@ def test_recordings_with_gaps_have_no_periods(tmp_path: Path) -> None:
     (tmp_path / "pl.toml").write_text(MODEL)
     file = described(tmp_path, quirky("gap", Arm(), 8.0), False, "period_s = 1.0\n")
     out = str(tmp_path / "frf.npz")
-    with pytest.raises(flexgen.FlexgenError, match="given a gap of 0.968 s from 3.992 to 4.96 s"):
+    with pytest.raises(
+        flexgen.FlexgenError, match=r"given a gap of 0\.968 s from 3\.992 to 4\.96 s"
+    ):
         read_experiment(file)
     assert main(["frf", str(file), "--out", out, "--quiet"]) == 1
 

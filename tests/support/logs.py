@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -193,48 +194,48 @@ class Log:
     constants: bool = True
 
 
+def instants(quirk: str, end: float, rng: np.random.Generator) -> np.ndarray:
+    """When the samples of a log are taken (n,) [s]."""
+    if quirk == "jitter of 20 us":
+        t = 1e-3 * np.arange(round(end / 1e-3))
+        return t + rng.uniform(-4e-5, 4e-5, len(t))
+    if quirk == "unequal steps":
+        return np.cumsum(rng.choice([0.010, 0.012], size=round(end / 0.011)))
+    step = 2e-3 if quirk == "two rates" else 8e-3
+    return step * np.arange(round(end / step))
+
+
 def quirky(quirk: str, arm: Arm, end: float = 20.0) -> Log:
     """A log of an arm with a quirk; the same random numbers in each call."""
     rng = np.random.default_rng(5)
-    t = 8e-3 * np.arange(round(end / 8e-3))
-    if quirk == "jitter of 20 us":
-        t = 1e-3 * np.arange(round(end / 1e-3))
-        t = t + rng.uniform(-4e-5, 4e-5, len(t))
-    if quirk == "unequal steps":
-        t = np.cumsum(rng.choice([0.010, 0.012], size=round(end / 0.011)))
-    if quirk == "two rates":
-        t = 2e-3 * np.arange(round(end / 2e-3))
+    t = instants(quirk, end, rng)
     values = np.column_stack([t, arm.motors(t), arm.torques(t)])
-    log = Log(values)
     if quirk == "stamps that are late":
         values[:, 0] += rng.normal(size=len(t)) * 1e-3
     if quirk == "two rates":
         values[np.arange(len(t)) % 4 != 0, 3:] = np.nan
+    if quirk == "gap":
+        values = np.delete(values, slice(500, 620), axis=0)
+    if quirk == "rest":
+        noise = 0.3 * rng.normal(size=(len(t), 2))
+        values[:, 1:3] = COUNT * np.round(values[:, 1:3] / COUNT + noise)
+    if quirk.startswith("currents"):
+        values[:, 3:] /= CONSTANTS
+        return Log(values, ("s", "rad", "A"), constants=quirk != "currents")
     if quirk == "degrees":
         values[:, 1:3] = np.degrees(values[:, 1:3])
         return Log(values, ("s", "deg", "N m"))
     if quirk == "other units":
         values *= [1e3, 0.5 / np.pi, 0.5 / np.pi, 100.0, 100.0]
         return Log(values, ("ms", "rev", "N cm"))
-    if quirk == "rpm":
-        return Log(values, ("s", "rpm", "N m"))
-    if quirk.startswith("currents"):
-        values[:, 3:] /= CONSTANTS
-        return Log(values, ("s", "rad", "A"), constants=quirk != "currents")
-    if quirk == "gap":
-        return Log(np.delete(values, slice(500, 620), axis=0))
-    if quirk == "rest":
-        values[:, 1:3] = COUNT * np.round(
-            values[:, 1:3] / COUNT + 0.3 * rng.normal(size=(len(t), 2))
-        )
-        return Log(values)
-    if quirk == "order":
-        return Log(values, order=(3, 2, 4, 0, 1))
-    if quirk == "labels":
-        return Log(values, motors=("m1", "m3"))
-    if quirk in ("no header", "names by option"):
-        return Log(values, header=False)
-    return log
+    changes: dict[str, dict[str, Any]] = {
+        "rpm": {"units": ("s", "rpm", "N m")},
+        "order": {"order": (3, 2, 4, 0, 1)},
+        "labels": {"motors": ("m1", "m3")},
+        "no header": {"header": False},
+        "names by option": {"header": False},
+    }
+    return Log(values, **changes.get(quirk, {}))
 
 
 # A count of the encoders [rad, motor side]: 12 bits in a turn.
