@@ -295,3 +295,38 @@ def channel_values(where: str, data: Trajectory, name: str, units: Mapping[str, 
     if factors != [1.0] * len(factors):
         values = values * factors
     return values if order == list(range(len(order))) else values[:, order]
+
+
+def convert_to_si(
+    where: str, data: Trajectory, wanted: Mapping[str, Mapping[str, str]]
+) -> Trajectory:
+    """A trajectory whose channels are in SI units; the same object where they are.
+
+    Parameters
+    ----------
+    where : str
+        For the error.
+    data : Trajectory
+    wanted : mapping
+        Name of a channel -> label -> SI unit. Channels with other labels stay as they are.
+
+    Raises
+    ------
+    ArgumentError
+        A unit is not known or of another kind.
+    """
+    channels, labels = dict(data.channels), dict(data.labels)
+    ports, units = dict(data.ports), dict(data.units)
+    for name, own in wanted.items():
+        if name not in data or sorted(data.labels[name]) != sorted(own):
+            continue
+        stated = zip(data.labels[name], data.units[name], strict=True)
+        if all(unit == own[label] or " or " in unit for label, unit in stated):
+            continue
+        channels[name] = channel_values(where, data, name, own)
+        labels[name], units[name] = tuple(own), tuple(own.values())
+        unit = trajectory_files.common_unit(units[name])
+        ports[name] = Port(name, (len(own),), unit, data.ports[name].doc)
+    if all(channels[name] is data.channels[name] for name in channels):
+        return data
+    return Trajectory(data.time, channels, ports, labels, data.meta, units)

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.output_columns import channel_units
 from flexgen.mechanics.sensors import sensor_signals
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -78,14 +79,10 @@ def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Tra
     ]
     if not sensors:
         raise ArgumentError(f"model: given {robot.name} without a [[sensor]], expected one or more")
-    joints = {c.name: c.unit for c in robot.coordinates}
-    wanted = {
-        "q_a": joints,
-        "v_a": {name: f"{unit}/s" for name, unit in joints.items()},
-        "a_a": {name: f"{unit}/s^2" for name, unit in joints.items()},
-        "q_m": {motor.name: "rad" for motor in robot.motors},
+    wanted = channel_units(robot)
+    given = {
+        name: channel_values("motion", motion, name, wanted[name]) for name in (*MOTION, "q_m")
     }
-    given = {name: channel_values("motion", motion, name, wanted[name]) for name in wanted}
     if "force" in motion:
         wrench = {label: "N" if label in WRENCH[:3] else "N m" for label in WRENCH}
         given["force"] = channel_values("motion", motion, "force", wrench)

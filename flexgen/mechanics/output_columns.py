@@ -53,3 +53,15 @@ def turn_angle(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
         [E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1
     )
     return np.arctan2(np.linalg.norm(axial, axis=1) / 2, (np.trace(E, axis1=1, axis2=2) - 1) / 2)
+
+
+def channel_units(model: RobotModel) -> dict[str, dict[str, str]]:
+    """SI units of the columns of the channels of a trajectory: name -> label -> unit."""
+    joints = {c.name: c.unit for c in model.coordinates}
+    motors = [motor.name for motor in model.motors]
+    out = {"tau_m": dict.fromkeys(motors, "N m")}
+    for letter, rate in (("q", ""), ("v", "/s"), ("a", "/s^2")):
+        out[f"{letter}_a"] = {name: f"{unit}{rate}" for name, unit in joints.items()}
+        out[f"{letter}_m"] = dict.fromkeys(motors, f"rad{rate}")
+    out["y_ref"] = dict(zip(output_labels(model)["y_ref"], output_units(model), strict=True))
+    return out

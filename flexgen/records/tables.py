@@ -72,8 +72,8 @@ def _csv(file: Path, columns: Sequence[str] | None) -> dict[str, Any]:
         names, top = _names(file)
     except (OSError, UnicodeError, csv.Error) as error:
         raise ArgumentError(f"{file}: cannot be read: {error}; expected {EXPECTED}") from None
-    kept = zip(columns or names, names, strict=False)
-    numbers = bool(names) and all(is_number(cell) for name, cell in kept if name != SKIPPED)
+    pairs = zip(columns or names, names, strict=False)
+    numbers = bool(names) and all(is_number(cell) for name, cell in pairs if name != SKIPPED)
     if numbers and columns is None:
         raise ArgumentError(
             f"{file}:{top + 1}: given numbers in the first line, expected the names of the "

@@ -11,12 +11,13 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.output_columns import channel_units
 from flexgen.model.elements import Move, RobotModel
 from flexgen.progress import Choice
 from flexgen.reports.motion import motion_data, motion_text, motion_title
 from flexgen.reports.video import check_video, write_video
 from flexgen.simulation.result import Simulation
-from flexgen.trajectory import Trajectory
+from flexgen.trajectory import Trajectory, convert_to_si
 from flexgen.type_checks import checked_types
 
 TRAJECTORIES = (".npz", ".csv")
@@ -123,6 +124,7 @@ def _motion(
             f"view: given a trajectory with {given}, expected q_a with {n_a} and q_m with {n_m} columns, as "
             f"'flexgen solve' writes for model {equations.model.name}"
         )
+    what = convert_to_si("view", what, channel_units(equations.model))
     return equations, what, None, _end(what)
 
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import output_labels, output_units
+from flexgen.mechanics.output_columns import channel_units, output_labels, output_units
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -40,7 +40,7 @@ from flexgen.simulation.result import Simulation, growth_text, output_error, rec
 from flexgen.simulation.run import Input, Run, has_memory, run
 from flexgen.simulation.start import start_state
 from flexgen.torque_curve import constant, side_by_side, spline, then_constant, torque_curve
-from flexgen.trajectory import Trajectory, channel_values
+from flexgen.trajectory import Trajectory, channel_values, convert_to_si
 from flexgen.type_checks import checked_types
 
 if TYPE_CHECKING:
@@ -185,6 +185,7 @@ def simulate(
         return _simulate_late(
             equations, data, command, options | {"start": start, "moving": moving}
         )
+    data = convert_to_si("trajectory", data, channel_units(equations.model))
     given, warnings = _read_channels(equations.model, data, moving)
     given |= {} if wall is None else _before_wall(wall, equations, given)
     task = _task(

@@ -203,3 +203,21 @@ def test_sensors_are_computed_in_any_unit_and_order(
     Path("other.csv").write_text("\n".join(renamed(solved, {"v_a": ("rad", 1.0)})) + "\n")
     with pytest.raises(ArgumentError, match="motion channel v_a, column q2: given 'rad', an angle"):
         flexgen.sense(robot, flexgen.Trajectory.load("other.csv"))
+
+
+def test_growth_and_pictures_are_those_of_si_units(
+    solved: flexgen.Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The speeds decide on the growth of errors, the angles on the picture."""
+    monkeypatch.chdir(tmp_path)
+    degree = np.pi / 180
+    changes = {"v_a": ("deg/s", degree), "a_a": ("deg/s^2", degree), "v_m": ("rpm", 6 * degree)}
+    Path("other.csv").write_text("\n".join(renamed(solved, changes)) + "\n")
+    usual, found = (flexgen.simulate("elbow", x).growth for x in (solved, "other.csv"))
+    assert found == pytest.approx(usual, rel=1e-6)
+    loaded = flexgen.Trajectory.load("other.csv")
+    monkeypatch.setitem(units.FACTORS["rad/s"], "deg/s", 20.0 * degree)
+    assert flexgen.simulate("elbow", loaded).growth != pytest.approx(usual, rel=1e-3)
+    Path("other.csv").write_text("\n".join(renamed(solved, {"q_a": ("rpm", 1.0)})) + "\n")
+    with pytest.raises(ArgumentError, match="view channel q_a, column q2: given 'rpm', a speed"):
+        flexgen.view(flexgen.Trajectory.load("other.csv"), "a.html", model="elbow")

@@ -106,16 +106,18 @@ def test_trajectories_are_regular_files(tmp_path) -> None:  # type: ignore[no-un
 def test_speeds_of_the_start_have_their_units():
     """Were the units not looked at, deg/s would be taken as rad/s: an error of meters."""
     trajectory = flexgen.solve("elbow", verify=False, progress=False).trajectory
-    ports = {
-        name: dataclasses.replace(p, unit="deg/s") if name == "v_a" else p
-        for name, p in trajectory.ports.items()
-    }
-    wrong = dataclasses.replace(trajectory, ports=ports, units={})
-    with pytest.raises(ArgumentError, match=r"moving: given v_a in deg/s, expected rad/s \(column"):
-        flexgen.simulate("elbow", wrong, moving=True, progress=False)
-    assert (
-        flexgen.simulate("elbow", trajectory, moving=True, progress=False).tool_error_max_m < 1e-6
-    )
+
+    def stated(unit: str, factor: float) -> Trajectory:
+        port = dataclasses.replace(trajectory.ports["v_a"], unit=unit)
+        channels = {**trajectory.channels, "v_a": trajectory["v_a"] / factor}
+        ports = {**trajectory.ports, "v_a": port}
+        return dataclasses.replace(trajectory, channels=channels, ports=ports, units={})
+
+    with pytest.raises(ArgumentError, match=r"channel v_a, column q1: given 'gon/s', an unknown"):
+        flexgen.simulate("elbow", stated("gon/s", 1.0), moving=True, progress=False)
+    for given in (trajectory, stated("deg/s", np.pi / 180)):
+        found = flexgen.simulate("elbow", given, moving=True, progress=False)
+        assert found.tool_error_max_m < 1e-6
 
 
 def test_a_clock_that_counts_from_1970_gives_the_errors_of_the_motion() -> None:
