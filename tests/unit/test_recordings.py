@@ -221,3 +221,32 @@ def test_a_damaged_file_is_refused(tmp_path):
         read_experiment(file)
     with pytest.raises(ArgumentError, match="which is not a file"):
         read_experiment(tmp_path / "none.toml")
+
+
+def test_spectra_of_unequal_steps_late_stamps_and_two_rates(tmp_path: Path) -> None:
+    """The lines of the signals that were sampled, at a step that divides the period."""
+    rng = np.random.default_rng(8)
+
+    def signals(t: np.ndarray) -> dict[str, np.ndarray]:
+        torque = np.sin(2 * np.pi * 10 * t) + 0.5 * np.cos(2 * np.pi * 30 * t)
+        angle = 0.01 * np.cos(2 * np.pi * 10 * t) + 0.001 * np.sin(2 * np.pi * 30 * t)
+        return {"current": torque, "angle": angle}
+
+    even = 5e-4 * np.arange(2400)
+    unequal = np.cumsum(rng.choice([0.9e-3, 1.15e-3], size=1200))
+    late = even + np.clip(rng.normal(size=2400), -2, 2) * 1e-4
+    slow = {"t_slow": even[::2], "current": signals(even[::2])["current"]}
+    text = TEXT.replace('name = "current"', 'name = "current"\ntime = "t_slow"')
+    for case, words, arrays in (
+        ("unequal", TEXT, {"t": unequal} | signals(unequal)),
+        ("late", TEXT, {"t": late} | signals(even)),
+        ("rates", text, {"t": even} | signals(even) | slow),
+    ):
+        file = written(tmp_path, words)
+        np.savez(tmp_path / "run.npz", **arrays)
+        found = read_experiment(file)
+        # the start of the record is another one: phases of both, relative to each other
+        G = -0.5 * found.q_m[0, 0, 0, :, :, 0] / found.tau_m[0, 0, 0, :, :, 0]
+        truth = -0.5 * np.array([0.01 / -0.5j, -0.001j / 0.25])
+        assert found.plan.lines.tolist() == [2, 6], case
+        assert np.allclose(G / truth, 1.0, atol=2e-3), case
