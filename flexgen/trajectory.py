@@ -259,7 +259,8 @@ def channel_values(where: str, data: Trajectory, name: str, units: Mapping[str, 
     Raises
     ------
     ArgumentError
-        The channel is missing or has other columns; a unit is not known or of another kind; a number is not finite.
+        The channel is missing or has other columns; a unit is not known or of another kind; a
+        number is not finite.
     """
     from flexgen.units import conversion
 

@@ -1,7 +1,8 @@
-"""Units of recorded quantities, by the SI unit of their kind: what files may state, and the factor to SI.
+"""Units of recorded quantities, by the SI unit of their kind: what files may state, and the factor
+to SI.
 
-Spelling: ``N m``, ``Nm``, ``N*m`` and ``N·m`` are one unit, and so are ``us`` and ``µs``, ``deg`` and ``°``. A current
-becomes a torque by a constant [N m/A], which a record does not have.
+Spelling: ``N m``, ``Nm``, ``N*m`` and ``N·m`` are one unit, and so are ``us`` and ``µs``, ``deg``
+and ``°``. A current becomes a torque by a constant [N m/A], which a record does not have.
 """
 
 from __future__ import annotations
@@ -110,9 +111,9 @@ def conversion(where: str, unit: str, si: str, constant: float | None = None) ->
     if kind == "A" and si == "N m":
         if constant is None:
             raise ArgumentError(
-                f"{where}: given a current in {unit}, expected a torque in {', '.join(FACTORS[si])}; "
-                f"state the constant of the axis in the unit of the column: '{unit} (0.12 N m/A)', or "
-                "as constant = 0.12 in a description file"
+                f"{where}: given a current in {unit}, expected a torque in "
+                f"{', '.join(FACTORS[si])}; state the constant of the axis in the unit of the "
+                f"column: '{unit} (0.12 N m/A)', or as constant = 0.12 in a description file"
             )
         current = next(x for name, x in CURRENTS.items() if spelling(name) == spelling(unit))
         return constant * current

@@ -1,8 +1,9 @@
 """Measured static poses: commands of the joints, and positions of the trackers, from a CSV file.
 
-Names of the columns: those of the actuated coordinates with their unit, ``q1_rad``, ``q1_deg``, ``z_m`` or ``z mm``;
-those of the trackers with axis and unit, ``m0_x_m`` or ``m0_x_mm``; units as of `flexgen.units`. Other columns are
-ignored. An empty cell is a tracker that was not seen in this pose.
+Names of the columns: those of the actuated coordinates with their unit, ``q1_rad``, ``q1_deg``,
+``z_m`` or ``z mm``; those of the trackers with axis and unit, ``m0_x_m`` or ``m0_x_mm``; units as
+of `flexgen.units`. Other columns are ignored. An empty cell is a tracker that was not seen in this
+pose.
 """
 
 from __future__ import annotations

@@ -67,9 +67,10 @@ def identify_gears(
     model : name, path or RobotModel
         Masses, inertias and payload as they are.
     record : Trajectory, or the name of its file
-        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, of a minute of motion; a CSV or MAT file of a logger, or
-        a ``.toml`` file that describes one, see `flexgen.records.motor_record`. Gears with hysteresis reverse in it
-        under torques that are several times those of their hysteresis.
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, of a minute of motion; a CSV or MAT
+        file of a logger, or a ``.toml`` file that describes one, see
+        `flexgen.records.motor_record`. Gears with hysteresis reverse in it under torques that are
+        several times those of their hysteresis.
     joints : sequence of str, optional
         Those whose gears are identified; default: all with an elastic gear.
     hysteresis : bool
@@ -89,7 +90,8 @@ def identify_gears(
         Frequencies that are compared; default: as far as the motion is above the noise of the angles. Where the model
         agrees only below 0.6 or 0.36 of that, or but for the standard deviations, the status is "noise too large".
     columns : sequence of str, optional
-        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or with a unit).
+        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or
+        with a unit).
     progress : callable or bool, optional
 
     Returns

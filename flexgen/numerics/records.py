@@ -26,9 +26,9 @@ SMALLEST = 1e-4  # transient over signal
 def lost_samples(x: np.ndarray) -> np.ndarray:
     """Where samples of ``x`` (n,) repeat the one before and a jump makes up for it.
 
-    Once where the steps are far above the resolution, else `COARSE` times. The jump is far above the noise. An axis
-    that stands still and starts has no such jump; nor has an encoder at rest, whose counts go forth and back, also
-    where other steps of it were interpolated.
+    Once where the steps are far above the resolution, else `COARSE` times. The jump is far above
+    the noise. An axis that stands still and starts has no such jump; nor has an encoder at rest,
+    whose counts go forth and back, also where other steps of it were interpolated.
     """
     steps = np.abs(np.diff(x))
     if not steps.any():

@@ -1,19 +1,24 @@
-"""Records as loggers write them, at equal steps: jitter of the clock, unequal steps, several rates, gaps.
+"""Records at equal steps: jitter of the clock, unequal steps, several rates, gaps.
 
 Steps that differ by less than `EVEN` are equal, and the samples stay as they are. Otherwise:
 
-1. A step longer than `GAP` usual ones is a gap. The record is cut there; nothing is invented inside.
-2. Between gaps the stamps either are the instants of the samples, or the samples are equidistant and the stamps are
-   late by a random time. The record itself tells: each sample of the angles is predicted by the cubic through its four
-   neighbors, once at the stamps, once at equal steps, and the smaller residuals decide.
-3. Quintic splines through the samples give values at equal steps, those of the slowest channel. Of a sine of frequency
-   f in samples at most h apart the error is below ``1.3 (2 f h)^6`` of its amplitude: 8e-5 at a tenth of the rate.
-4. A channel with a higher rate passes a filter without phase first, which keeps amplitudes within 1e-4 below 0.35 of
-   the new rate and takes away what would be aliased, from half of it on, to 1e-4.
+1. A step longer than `GAP` usual ones is a gap. The record is cut there; nothing is invented
+   inside.
+2. Between gaps the stamps either are the instants of the samples, or the samples are equidistant
+   and the stamps are late by a random time. The record itself tells: each sample of the angles is
+   predicted by the cubic through its four neighbors, once at the stamps, once at equal steps, and
+   the smaller residuals decide.
+3. Quintic splines through the samples give values at equal steps, those of the slowest channel. Of
+   a sine of frequency f in samples at most h apart the error is below ``1.3 (2 f h)^6`` of its
+   amplitude: 8e-5 at a tenth of the rate.
+4. A channel with a higher rate passes a filter without phase first, which keeps amplitudes within
+   1e-4 below 0.35 of the new rate and takes away what would be aliased, from half of it on, to
+   1e-4.
 
 A constant stays that constant, and counts of an encoder at rest stay within one count.
 
-Source: C. de Boor, A Practical Guide to Splines, 2001, ch. XIII; J. Kaiser, 1974 (window of the filter).
+Source: C. de Boor, A Practical Guide to Splines, 2001, ch. XIII; J. Kaiser, 1974 (window of the
+filter).
 """
 
 from __future__ import annotations
@@ -72,8 +77,9 @@ class Gap:
 class Clock:
     """Instants of the samples of a channel.
 
-    ``time`` (n,) [s], increasing; ``step``: the mean one between gaps [s]; ``pieces``: slices between gaps; ``gaps``;
-    ``even``: as recorded, at equal steps; ``note``: what was done to the stamps, or empty.
+    ``time`` (n,) [s], increasing; ``step``: the mean one between gaps [s]; ``pieces``: slices
+    between gaps; ``gaps``; ``even``: as recorded, at equal steps; ``note``: what was done to the
+    stamps, or empty.
     """
 
     time: np.ndarray
@@ -96,8 +102,8 @@ class Piece:
 class Sampled:
     """A record at equal steps.
 
-    ``pieces``: between the gaps; ``gaps``: of all channels; ``step`` [s]; ``resampled``: whether values are
-    interpolated; ``notes``: what was done, as sentences.
+    ``pieces``: between the gaps; ``gaps``: of all channels; ``step`` [s]; ``resampled``: whether
+    values are interpolated; ``notes``: what was done, as sentences.
     """
 
     pieces: tuple[Piece, ...]
@@ -116,7 +122,8 @@ def read_clock(where: str, time: np.ndarray, probes: np.ndarray) -> Clock:
         File, for the error.
     time : array (n,) [s]
     probes : array (n, k)
-        Smooth signals, such as angles, that tell whether the stamps are the instants of the samples.
+        Smooth signals, such as angles, that tell whether the stamps are the instants of the
+        samples.
 
     Raises
     ------
@@ -163,7 +170,7 @@ def read_clock(where: str, time: np.ndarray, probes: np.ndarray) -> Clock:
 
 
 def _lines(time: np.ndarray, pieces: Sequence[slice]) -> np.ndarray | None:
-    """Equal steps through the stamps of each piece; None where stamps leave them, since samples are lost."""
+    """Equal steps through the stamps of each piece; None where samples are lost."""
     out = np.array(time, dtype=float)
     for piece in pieces:
         t = time[piece]
@@ -183,7 +190,7 @@ def _lines(time: np.ndarray, pieces: Sequence[slice]) -> np.ndarray | None:
 
 
 def _roughness(time: np.ndarray, probes: np.ndarray, pieces: Sequence[slice]) -> float:
-    """Root mean square of what the cubic through four neighbors does not predict, over that at equal steps."""
+    """Rms residual of the cubic through four neighbors, over that at equal steps."""
     found, plain = [], []
     for piece in pieces:
         x = probes[piece]

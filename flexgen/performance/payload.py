@@ -102,8 +102,8 @@ class Load(Result):
     the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not determined.
     ``total_mass``, ``total_com``: of the load and the payload of the model file together. ``residual_Nm``: root mean
     square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
-    ``friction`` (2, n_m): viscous and other friction of each motor over those of the model. ``notes``: what was done to
-    the record, as sentences.
+    ``friction`` (2, n_m): viscous and other friction of each motor over those of the model.
+    ``notes``: what was done to the record, as sentences.
 
     Examples
     --------
@@ -168,15 +168,17 @@ def identify_load(
     model : name, path, RobotModel or Equations
         Without the load, or with another one as payload.
     record : Trajectory, or the name of its file
-        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, as of `ControlRun.trajectory`; a CSV or MAT file of a
-        logger, or a ``.toml`` file that describes one, see `flexgen.records.motor_record`.
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, as of `ControlRun.trajectory`; a CSV
+        or MAT file of a logger, or a ``.toml`` file that describes one, see
+        `flexgen.records.motor_record`.
     low_pass_hz : float, optional [Hz]
         Of the torques; that of the motion is three times as high. Default: 8, or five times the band of a quick motion,
         but at most 1.5 times the lowest natural frequency with the motors at rest.
     rigid : bool
         Without deflections, for comparison.
     columns : sequence of str, optional
-        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or with a unit).
+        Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or
+        with a unit).
 
     Returns
     -------

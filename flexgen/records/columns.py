@@ -1,7 +1,8 @@
 """Names of columns in records: quantity, label and unit.
 
-``q_m[m1] rad`` (quantity of a motor), ``q1 deg``, ``q1 [deg]``, ``q1 (deg)`` and ``q1_deg`` (a word with a unit). A
-unit that is not known is not taken for a part of the name: a column whose unit cannot be told is refused.
+``q_m[m1] rad`` (quantity of a motor), ``q1 deg``, ``q1 [deg]``, ``q1 (deg)`` and ``q1_deg`` (a word
+with a unit). A unit that is not known is not taken for a part of the name: a column whose unit
+cannot be told is refused.
 """
 
 from __future__ import annotations
@@ -88,7 +89,8 @@ def find_column(
     Raises
     ------
     ArgumentError
-        There is no such column, or there are two; its unit is missing, not known, or of another kind.
+        There is no such column, or there are two; its unit is missing, not known, or of another
+        kind.
     """
     columns = [column_of(text) for text in header]
     found = [k for k, c in enumerate(columns) if name in (c.name, c.text) and c.label is None]

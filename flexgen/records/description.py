@@ -53,12 +53,14 @@
     offset = { m1 = 0.1 }                      optional, in this file in addition: of angles, references and signals
 
 Recordings with the same pose are experiments of one realization, in their order. Without period_s, segment_s and poses
-they are motions, for rigid bodies and for fits in the time domain. Instead of file, files = ["fast.csv", "slow.csv"]
-have different channels; columns = ["t", "q1", ...] are the names of CSV files without a header; time = "t2" in a
-channel is another clock of the same unit. All keys: `flexgen.records.keys`.
+they are motions, for rigid bodies and for fits in the time domain. Instead of file, files =
+["fast.csv", "slow.csv"] have different channels; columns = ["t", "q1", ...] are the names of CSV
+files without a header; time = "t2" in a channel is another clock of the same unit. All keys:
+`flexgen.records.keys`.
 
-Jitter, unequal steps, empty cells and several rates become equal steps, see `flexgen.numerics.sampling`; motions are
-split at gaps, periodic recordings with one are refused. What cannot be used is refused with file, channel and time.
+Jitter, unequal steps, empty cells and several rates become equal steps, see
+`flexgen.numerics.sampling`; motions are split at gaps, periodic recordings with one are refused.
+What cannot be used is refused with file, channel and time.
 """
 
 from __future__ import annotations
@@ -115,7 +117,8 @@ class _Channel:
 
 @dataclass(frozen=True)
 class Description:
-    """Content of a description: its tables, the robot, and one entry for each file, of motions for each piece of it.
+    """Content of a description: its tables, the robot, and one entry for each file, of motions for
+    each piece of it.
 
     ``notes``: what was done to the files, as sentences.
     """
@@ -185,7 +188,7 @@ def read_description(path: str | Path) -> Description:
 def _at_one_rate(
     source: Path, root: Table, found: list[tuple[Table, Recording]]
 ) -> tuple[list[tuple[Table, Recording]], list[str]]:
-    """The recordings at equal steps of one length, motions split at gaps; and what was done to them."""
+    """The recordings at equal steps, motions split at gaps; and what was done to them."""
     steps = [one.sample_s for _, one in found]
     spread = (max(steps) / min(steps) - 1) * (min(len(one.t) for _, one in found) - 1)
     resampled = any(one.resampled for _, one in found)
@@ -352,8 +355,9 @@ class Recording:
     """One file, or files of one clock, checked; at equal steps the first piece before a gap.
 
     ``t`` (n,) [s]; ``tau_m``, ``q_m`` (n, n_m), motor side [N m], [rad]; ``signals`` (n, channels), SI units;
-    ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s]; ``gaps``; ``resampled``: whether values are
-    interpolated; ``rests``: of each torque, angle and signal, why it is none, or empty; ``notes``.
+    ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s]; ``gaps``; ``resampled``:
+    whether values are interpolated; ``rests``: of each torque, angle and signal, why it is none, or
+    empty; ``notes``.
     """
 
     def __init__(
@@ -413,7 +417,7 @@ class Recording:
         return out
 
     def _samples(self, kind: str, channel: _Channel) -> tuple[np.ndarray, np.ndarray]:
-        """Instants [s] and values of a channel in SI units on the motor side, where it was sampled."""
+        """Instants [s] and values of a channel where it was sampled: SI units, motor side."""
         tables = [arrays for arrays in self._tables.values() if channel.name in arrays]
         if not tables:
             listed = ", ".join(sorted({name for x in self._tables.values() for name in x}))
@@ -422,7 +426,8 @@ class Recording:
             )
         if len(tables) > 1:
             raise ArgumentError(
-                f"{self.file}: given the channel {channel.name!r} in several files, expected it in one"
+                f"{self.file}: given the channel {channel.name!r} in several files, expected it "
+                "in one"
             )
         x = self._numbers(tables[0], channel)
         t = self._numbers(tables[0], replace(self._clock, name=channel.time or self._clock.name))
@@ -499,7 +504,8 @@ def _check_angle(where: str, t: np.ndarray, x: np.ndarray) -> None:
     k = int(np.argmax(steps))
     if steps[k] > WRAP and steps[k] > 50 * np.partition(steps, -10)[-10]:
         raise ArgumentError(
-            f"{where}: jumps by {steps[k]:.3g} rad at t = {t[k]:.6g} s: the encoder wraps; unwrap it"
+            f"{where}: jumps by {steps[k]:.3g} rad at t = {t[k]:.6g} s: the encoder wraps; "
+            "unwrap it"
         )
     if len(lost := lost_samples(x)) > REPEATED * len(x):
         raise ArgumentError(
@@ -511,9 +517,11 @@ def _check_angle(where: str, t: np.ndarray, x: np.ndarray) -> None:
 def _check_torque(
     where: str, t: np.ndarray, tau: np.ndarray, angle: np.ndarray, limit: float | None
 ) -> None:
-    """ArgumentError for a torque at a limit: equal samples in a row at the largest one while the motor moves.
+    """ArgumentError for a torque at a limit: equal samples in a row at the largest one while the
+    motor moves.
 
-    More samples where samples are often equal: of coarse sensors, and of torques that are recorded several times.
+    More samples where samples are often equal: of coarse sensors, and of torques that are recorded
+    several times.
     """
     size = np.abs(tau)
     top = size.max()

@@ -1,11 +1,11 @@
 """Motor angles and torques of one record, for `identify_load` and `identify_gears`.
 
-From a trajectory, a table of a logger, or a described recording: in SI units, in the order of the motors, at equal
-steps, and of a record with gaps the longest piece.
+From a trajectory, a table of a logger, or a described recording: in SI units, in the order of the
+motors, at equal steps, and of a record with gaps the longest piece.
 
-Columns of a table: the time (``time``, ``t`` or ``timestamp``), of each motor an angle and a torque, ``q_m[m1] rad``
-and ``tau_m[m1] N m``, or the names of joints and motors alone: ``q1 deg`` is the joint, on the arm side of its gear,
-``m1 A (0.12 N m/A)`` the torque of the motor.
+Columns of a table: the time (``time``, ``t`` or ``timestamp``), of each motor an angle and a
+torque, ``q_m[m1] rad`` and ``tau_m[m1] N m``, or the names of joints and motors alone: ``q1 deg``
+is the joint, on the arm side of its gear, ``m1 A (0.12 N m/A)`` the torque of the motor.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ FEWEST = 2  # samples of a channel
 class MotorRecord:
     """Motor angles ``q_m`` [rad] and torques ``tau_m`` [N m], motor side, at equal steps.
 
-    ``trajectory``: these channels, in the order of the motors; ``notes``: what was done to the record, as sentences.
+    ``trajectory``: these channels, in the order of the motors; ``notes``: what was done to the
+    record, as sentences.
     """
 
     trajectory: Trajectory
@@ -54,14 +55,17 @@ def read_motor_record(
     ----------
     robot : RobotModel
     record : Trajectory, or the name of a file
-        ``.npz`` or ``.csv`` of a trajectory, ``.csv`` or ``.mat`` of a logger, ``.toml`` that describes a recording.
+        ``.npz`` or ``.csv`` of a trajectory, ``.csv`` or ``.mat`` of a logger, ``.toml`` that
+        describes a recording.
     columns : sequence of str, optional
-        Names of the columns of a CSV file, in place of those that it has or lacks. Those without unit are in SI units.
+        Names of the columns of a CSV file, in place of those that it has or lacks. Those without
+        unit are in SI units.
 
     Raises
     ------
     ArgumentError
-        A column is missing, has an unknown label or unit, or one of another kind; the times cannot be used.
+        A column is missing, has an unknown label or unit, or one of another kind; the times cannot
+        be used.
     """
     if isinstance(record, Trajectory):
         return _of_trajectory(robot, record, "record")
@@ -78,7 +82,7 @@ def read_motor_record(
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a file is a trajectory with its meta data: the last line of such a file states its rows."""
+    """Whether a file is a trajectory with its meta data and the number of its rows."""
     with path.open("rb") as stream:
         return path.suffix == ".csv" and stream.read(4).removeprefix(b"\xef\xbb\xbf")[:1] == b"#"
 
@@ -134,7 +138,7 @@ def _of_table(robot: RobotModel, path: Path, columns: Sequence[str] | None) -> M
 
 
 def _numbers(where: str, name: str, x: Any) -> np.ma.MaskedArray[Any, Any]:
-    """The numbers of a column, masked where cells are empty; ArgumentError where one is not finite."""
+    """The numbers of a column, masked where cells are empty; they are finite."""
     values = np.ma.asanyarray(x)
     if values.size != max(values.shape, default=0) or not np.issubdtype(values.dtype, np.number):
         raise ArgumentError(
@@ -150,7 +154,8 @@ def _numbers(where: str, name: str, x: Any) -> np.ma.MaskedArray[Any, Any]:
 def _places(
     robot: RobotModel, where: str, columns: Sequence[Column], plain: bool
 ) -> dict[tuple[str, str], tuple[str, float]]:
-    """Name and factor of the column of each angle, of a motor or of a joint, then of each torque of a motor.
+    """Name and factor of the column of each angle, of a motor or of a joint, then of each torque of
+    a motor.
 
     ``plain``: columns without unit are in SI units.
     """
@@ -211,7 +216,7 @@ def _at_equal_steps(
     values: Sequence[np.ndarray],
     turns: np.ndarray | None = None,
 ) -> MotorRecord:
-    """Angles, then torques, at equal steps; ``turns``: gear ratios, of angles that are those of joints."""
+    """Angles, then torques, at equal steps; ``turns``: gear ratios, of angles of joints."""
     n = len(values) // 2
     smooth = [True] * n + [False] * n
     found = resample(where, times, values, smooth)

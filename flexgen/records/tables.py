@@ -1,7 +1,7 @@
 """Tables of other programs: arrays by name from .csv, .npz and .mat files.
 
-A CSV file has names in line 1, or none where the names of its columns are stated. An empty cell is an instant at which
-its channel was not sampled; such arrays are masked there.
+A CSV file has names in line 1, or none where the names of its columns are stated. An empty cell is
+an instant at which its channel was not sampled; such arrays are masked there.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ def read_arrays(file: Path, size_max: int, columns: Sequence[str] | None = None)
     size_max : int
         Bytes.
     columns : sequence of str, optional
-        Names of the columns of a CSV file, in place of those in its first line, if it has any; ``"-"``: left out.
+        Names of the columns of a CSV file, in place of those in its first line, if it has any;
+        ``"-"``: left out.
 
     Raises
     ------

@@ -82,7 +82,8 @@ def identify_servo(
     interpolation : str
         Of the robot between two commands: ``"linear"``, ``"cubic"`` or ``"hold"``.
     columns : sequence of str, optional
-        Names of the columns of a file without a header, such as ``t ms,q1_command,q1``; without unit in SI units.
+        Names of the columns of a file without a header, such as ``t ms,q1_command,q1``; without
+        unit in SI units.
     progress : callable or bool, optional
 
     Returns

@@ -1,9 +1,10 @@
 """Records of a robot that takes positions: its commands and its angles, from a plain CSV file.
 
-Names of the columns: the time, ``time_s`` or ``t ms``; of each joint ``JOINT_command_deg`` and ``JOINT_deg``, with its
-unit (`flexgen.units`) behind ``_`` or a space. Other columns are ignored. Commands are one period of the interface
-apart: stamps that scatter about equal steps become these, commands that were sent at unequal steps are refused. Angles
-with another rate than the commands are taken at their instants. Before a gap in time the record ends.
+Names of the columns: the time, ``time_s`` or ``t ms``; of each joint ``JOINT_command_deg`` and
+``JOINT_deg``, with its unit (`flexgen.units`) behind ``_`` or a space. Other columns are ignored.
+Commands are one period of the interface apart: stamps that scatter about equal steps become these,
+commands that were sent at unequal steps are refused. Angles with another rate than the commands are
+taken at their instants. Before a gap in time the record ends.
 """
 
 from __future__ import annotations
@@ -105,7 +106,8 @@ class ServoRecord:
         Raises
         ------
         ArgumentError
-            A column is missing, or its unit cannot be used; the times are not those of an interface.
+            A column is missing, or its unit cannot be used; the times are not those of an
+            interface.
         """
         file, plain = Path(path), columns is not None
         if file.suffix != ".csv" or not file.is_file():
@@ -129,7 +131,8 @@ class ServoRecord:
             kept = ~(np.ma.getmaskarray(x) | np.ma.getmaskarray(clock))
             if kept.sum() < FEWEST:
                 raise ArgumentError(
-                    f"{file}: given {kept.sum()} rows, expected {FEWEST} or more of {header[column]}"
+                    f"{file}: given {kept.sum()} rows, expected {FEWEST} or more of "
+                    f"{header[column]}"
                 )
             times.append(np.asarray(clock[kept]))
             values.append(np.asarray(x[kept]))

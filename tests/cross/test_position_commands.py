@@ -384,7 +384,7 @@ def test_bad_arguments_of_commands(solved, given, message):
         ),
         (
             "time_s,q1_command_gon,q1_deg\n0,1,1\n",
-            r"record.csv:1: column 'q1_command_gon': given 'gon', an unknown unit, expected an angle",
+            r"csv:1: column 'q1_command_gon': given 'gon', an unknown unit, expected an angle",
         ),
         (
             "time_s,q1_command_mm,q1_deg\n0,1,1\n",

@@ -117,8 +117,8 @@ and `[[segment]]`, and no `version` of `[measures]`.
 
 RECORDINGS_TOP = """# Keys of descriptions of recordings
 
-This page lists all keys of the `.toml` files that describe [records of a real robot](records.md). It is written from
-the rows in `flexgen/records/keys.py`, which the reader takes too.
+This page lists all keys of the `.toml` files that describe [records of a real robot](records.md).
+It is written from the rows in `flexgen/records/keys.py`, which the reader takes too.
 """
 
 

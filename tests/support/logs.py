@@ -1,11 +1,13 @@
-"""Logs of a planar arm with two joints as recorders write them, from a closed form that shares no code with flexgen.
+"""Logs of a planar arm with two joints as recorders write them, from a closed form that shares no
+code with flexgen.
 
 Links along z, rotations about y (bending towards x), absolute angles ``s = q1, r = q1 + q2``:
 
     tau_1 = (I1 + m1 c1^2 + m L^2) q1'' + m_2 terms ...   of the Lagrangian, see `Arm.arm_torques`
     q_m = N (q + tau / k),    tau_m = tau / N + J q_m'' + d q_m'
 
-The gears have no damping; all derivatives but those of tau are analytic, that one is a central difference.
+The gears have no damping; all derivatives but those of tau are analytic, that one is a central
+difference.
 """
 
 from __future__ import annotations
@@ -36,7 +38,11 @@ type = "rotation"
 axis = [0, 1, 0]
 lower_deg = -120
 upper_deg = 120
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1.2e5 }, damping = 1.0 }
+[element.dof.gear]
+type = "elastic"
+side = "arm"
+spring = { type = "linear", stiffness = 1.2e5 }
+damping = 1.0
 
 [[element]]
 name = "fore"
@@ -49,7 +55,11 @@ type = "rotation"
 axis = [0, 1, 0]
 lower_deg = -150
 upper_deg = 150
-gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 1.5e4 }, damping = 0.1 }
+[element.dof.gear]
+type = "elastic"
+side = "arm"
+spring = { type = "linear", stiffness = 1.5e4 }
+damping = 0.1
 
 [[motor]]
 name = "m1"
@@ -84,7 +94,8 @@ smoothness = 5
 
 @dataclass(frozen=True)
 class Arm:
-    """The arm of `MODEL` with a point mass [kg] at (x, z) [m] of the fore arm, on a motion of sines.
+    """The arm of `MODEL` with a point mass [kg] at (x, z) [m] of the fore arm, on a motion of
+    sines.
 
     ``rest`` [s]: the motors stand still so long before the motion begins, and it begins smoothly.
     """
@@ -112,7 +123,7 @@ class Arm:
         return rate, np.tensordot(STENCIL, values, 1) / STEP**2
 
     def arm_torques(self, t: np.ndarray) -> np.ndarray:
-        """Gear torques (n, 2) [N m]: inertia, centrifugal terms and gravity of two links and the point mass."""
+        """Gear torques (n, 2) [N m] of two links and the point mass."""
         q = self.joints(t)
         v, a = self.differences("joints", t)
         s, r = q[:, 0], q.sum(axis=1)
@@ -180,10 +191,12 @@ CONSTANTS = (0.12, 0.08)
 
 @dataclass(frozen=True)
 class Log:
-    """Columns of a log as a recorder writes them: the time, motor angles, motor torques, with their units.
+    """Columns of a log as a recorder writes them: the time, motor angles, motor torques, with their
+    units.
 
-    ``names``: of the columns of the angles, then of the torques; ``units``: of the time, the angles and the torques;
-    ``values``: (n, 5), time first; ``order``: of the columns in the file; ``constants`` [N m/A] are stated or not.
+    ``names``: of the columns of the angles, then of the torques; ``units``: of the time, the angles
+    and the torques; ``values``: (n, 5), time first; ``order``: of the columns in the file;
+    ``constants`` [N m/A] are stated or not.
     """
 
     values: np.ndarray

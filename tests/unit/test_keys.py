@@ -141,8 +141,10 @@ def test_units_of_recordings_on_the_pages_are_those_that_are_read() -> None:
         assert all(f"`{unit}`" in text for unit in units.FACTORS[si])
     rows = {table.title: {r.key: r.value for r in table.rows} for table in records.TABLES}
     named = {
-        "`[time]`": {"s"}, "`[[torque]]`": {"N m", "N"}, "`[[angle]]`, `[[reference]]`": {"rad", "m"},
-    }  # fmt: skip
+        "`[time]`": {"s"},
+        "`[[torque]]`": {"N m", "N"},
+        "`[[angle]]`, `[[reference]]`": {"rad", "m"},
+    }
     for title, kinds in named.items():
         found = set(re.findall(r"`([^`]*)`", rows[title]["unit"].replace('`side = "arm"`', "")))
         expected = {unit for si in kinds for unit in units.FACTORS[si]}

@@ -1,7 +1,8 @@
-"""Logs with the quirks of recorders: each reader gives the right numbers, or refuses with the reason.
+"""Logs with the quirks of recorders: each reader gives the right numbers, or refuses with the
+reason.
 
-The logs follow from a closed form (`logs.Arm`). A planted wrong factor, a planted order of columns and a planted
-interpolation by straight lines are seen.
+The logs follow from a closed form (`logs.Arm`). A planted wrong factor, a planted order of columns
+and a planted interpolation by straight lines are seen.
 """
 
 from __future__ import annotations
@@ -139,7 +140,7 @@ READERS = {
 
 
 def deviation(arm: Arm, found: Found, quirk: str) -> float:
-    """Largest deviation from the truth at the times of the record, over the range of each channel."""
+    """Largest deviation from the truth, over the range of each channel."""
     time, q_m, tau_m = found
     truth = np.hstack([arm.motors(time), arm.torques(time)])
     away = np.abs(np.hstack([q_m, tau_m]) - truth)

@@ -1,4 +1,4 @@
-"""Quirks of logs of commands, of static poses and of trajectories: the right numbers, or the reason."""
+"""Quirks of logs of commands, poses and trajectories: the right numbers, or the reason."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ unit = "m"
 """
 CLOSE = 1e-5  # of the range
 SERVO_REFUSED = {
-    "unequal steps": "given commands at unequal steps of 10 to 12 ms, expected the equal steps of an",
+    "unequal steps": "given commands at unequal steps of 10 to 12 ms, expected the equal st",
     "rpm": "column 'q1_command_rpm': given 'rpm', a speed of rotation, expected an angle",
     "labels": "given no column of q2_command, expected one, q2_command_rad or q2_command_deg",
     "no header": "given numbers in the first line, expected the names of the columns",
@@ -33,7 +33,7 @@ SERVO_QUIRKS = (
 
 
 def servo_log(quirk: str, folder: Path) -> tuple[Path, list[str] | None, Arm]:
-    """A log of commands and of angles that follow them 20 ms later; the names of its columns, where it has none."""
+    """A log of commands and of angles 20 ms later; the names of its columns, if it has none."""
     rng, arm = np.random.default_rng(2), Arm(rest=2.0)
     t = 8e-3 * np.arange(1500)
     if quirk in ("jitter of 20 us", "two rates"):
@@ -106,7 +106,7 @@ def test_a_planted_factor_is_seen_in_logs_of_a_servo(
 
 
 def test_static_poses_have_units_and_labels(tmp_path: Path) -> None:
-    """The columns in any order and unit; another unit, label, or none is refused with the column."""
+    """Columns in any order and unit; other units and labels are refused with the column."""
     (tmp_path / "pl.toml").write_text(MODEL + TRACKER)
     robot = flexgen.read(tmp_path / "pl.toml")
     rng = np.random.default_rng(1)
@@ -149,7 +149,7 @@ def solved() -> flexgen.Trajectory:
 
 
 def renamed(solved: flexgen.Trajectory, changes: dict[str, tuple[str, float]]) -> list[str]:
-    """The lines of a CSV file of the trajectory with other units: beginning of a name -> unit and factor."""
+    """The lines of a CSV file with other units: beginning of a name -> unit and factor."""
     lines = Path(solved.save("motion.csv")).read_text().splitlines()
     header, rows = lines[1].split(","), [line.split(",") for line in lines[2:-1]]
     for k, name in enumerate(header):

@@ -222,7 +222,7 @@ def test_places_on_a_path_count_its_motions() -> None:
         setattr(table, name, {"force": value})
         with pytest.raises(
             ArgumentError,
-            match=r"trajectory channel force(: given columns a, .* fx, fy|, column mx: given 'N', a f)",
+            match=r"channel force(: given columns a, .* fx, fy|, column mx: given 'N', a f)",
         ):
             tool_force.read_force(table)
 

@@ -74,7 +74,7 @@ def test_a_slow_transient_is_in_all_periods() -> None:
 
 
 def test_counts_of_an_encoder_at_rest_are_no_lost_samples() -> None:
-    """Three seconds of rest, one count of noise, stamps of 10 and 12 ms that were interpolated to 10 ms."""
+    """Rest and one count of noise, at steps of 10 and 12 ms, and interpolated to 10 ms."""
     rng, count = np.random.default_rng(3), 1.2e-5
     for rest in (0.0, 3.0, 20.0):
         t = np.cumsum(rng.choice([0.010, 0.012], size=2600, p=[0.67, 0.33]))

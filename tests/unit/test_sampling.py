@@ -1,4 +1,4 @@
-"""Records at equal steps: errors against analytic signals, bounds as stated, rest, gaps, clocks that cannot be used."""
+"""Records at equal steps: errors of analytic signals, rest, gaps, clocks."""
 
 from __future__ import annotations
 
