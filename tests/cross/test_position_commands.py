@@ -352,6 +352,36 @@ def test_a_servo_of_another_structure_is_said_not_to_fit(solved, tmp_path):
     assert "another structure" in flexgen.identify_servo(model, wrong, progress=False).problem
 
 
+@pytest.mark.slow
+def test_logs_of_a_servo_with_quirks_have_its_gains(solved, tmp_path):
+    """Late stamps, revolutions, another order, names by option, a gap at the end."""
+    model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
+    usual = flexgen.command_positions(model, solution=solved["planar5_nmp"], progress=False)
+    servo = servo_of(usual, usual.run.law)
+    file = recorded(model, servo, path["q_a"][0], 6.0, 0.0, tmp_path)
+    plain = flexgen.identify_servo(model, file, progress=False)
+    head, *rows = (line.split(",") for line in file.read_text().splitlines())
+    values = np.array(rows, dtype=float)
+    rng = np.random.default_rng(6)
+    late = values.copy()
+    late[:, 0] += 0.4 * rng.normal(size=len(late))  # ms
+    late[:, 1:] /= 360.0
+    late = np.delete(late, slice(1400, 1450), axis=0)
+    order = [3, 1, 0, 4, 2]
+    names = [head[k].replace("deg", "rev") for k in order]
+    lines = [",".join(f"{x:.12g}" for x in row[order]) for row in late]
+    file.write_text("\n".join(lines) + "\n")
+    found = flexgen.identify_servo(model, file, columns=names, progress=False)
+    assert any("time stamps scatter" in note for note in found.record.notes)
+    assert any("before its first gap" in note for note in found.record.notes)
+    gains, before = (
+        np.array([x.servo.feedback.position_gain, x.servo.feedback.speed_gain])
+        for x in (found, plain)
+    )
+    deviations = np.hypot(found.gain_sd[:2], plain.gain_sd[:2])  # relative
+    assert (np.abs(gains / before - 1) < 4 * deviations).all() and (deviations < 1e-3).all()
+
+
 # --- bad input --------------------------------------------------------------------------------------------------------
 
 
