@@ -59,6 +59,9 @@ DECIBELS = 80.0
 SAME_RATE = 1.3
 # Samples of a piece between gaps, at least.
 FEWEST = 16
+# Part of the changes of an angle that are in every m-th row, from which on it was sampled there
+# only; changes at least, and the largest m.
+REGULAR, CHANGES, LARGEST_RATIO = 0.99, 20, 64
 
 
 @dataclass(frozen=True)
@@ -215,6 +218,29 @@ def _cubic_residual(t: np.ndarray, x: np.ndarray) -> np.ndarray:
             if i != j:
                 weights[i] *= -at[j] / (at[i] - at[j])
     return np.asarray(x[2:-2] - np.einsum("in,ink->nk", weights, near))
+
+
+def drop_repeats(time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The samples of an angle that is written several times until its next one: the first of each.
+
+    Parameters
+    ----------
+    time, x : arrays (n,)
+
+    Returns
+    -------
+    time, x : arrays (k,)
+        All of them where values do not repeat regularly.
+    """
+    changes = np.flatnonzero(np.diff(x) != 0.0) + 1
+    if len(changes) < CHANGES:
+        return time, x
+    for ratio in range(min(LARGEST_RATIO, len(x) // CHANGES), 1, -1):
+        counts = np.bincount(changes % ratio, minlength=ratio)
+        first = int(np.argmax(counts))
+        if counts[first] >= REGULAR * len(changes):
+            return time[first::ratio], x[first::ratio]
+    return time, x
 
 
 def resample(

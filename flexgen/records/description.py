@@ -77,7 +77,7 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.records import lost_samples
-from flexgen.numerics.sampling import GAP, Piece, Sampled, resample
+from flexgen.numerics.sampling import GAP, Piece, Sampled, drop_repeats, resample
 from flexgen.records import keys
 from flexgen.records.columns import column_of
 from flexgen.records.tables import SKIPPED, read_arrays
@@ -379,6 +379,8 @@ class Recording:
         for kind, channels in zip(KINDS, kinds, strict=True):
             for channel in channels:
                 t, x = self._samples(kind, channel)
+                if kind in ("angle", "reference"):
+                    t, x = drop_repeats(t, x)
                 self._times.append(t)
                 self._values.append(x)
                 self._smooth.append(kind in ("angle", "reference"))

@@ -19,7 +19,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.sampling import Gap, resample
+from flexgen.numerics.sampling import Gap, drop_repeats, resample
 from flexgen.records.columns import ALIKE, Column, column_of, find_time
 from flexgen.records.description import read_description
 from flexgen.records.tables import read_arrays
@@ -67,16 +67,15 @@ def read_motor_record(
         A column is missing, has an unknown label or unit, or one of another kind; the times cannot
         be used.
     """
+    if columns is not None and Path(str(record)).suffix != ".csv":
+        shown = repr(str(record)) if isinstance(record, str | Path) else "a trajectory"
+        raise ArgumentError(f"columns: given with {shown}, expected a .csv file of a logger")
     if isinstance(record, Trajectory):
         return _of_trajectory(robot, record, "record")
     path = Path(record)
     if path.suffix == ".toml":
         return _of_description(robot, path)
     if path.suffix not in TABLES or not path.is_file() or (columns is None and _is_whole(path)):
-        if columns is not None:
-            raise ArgumentError(
-                f"columns: given with {str(path)!r}, expected a .csv file of a logger"
-            )
         return _of_trajectory(robot, Trajectory.load(path), str(path))
     return _of_table(robot, path, columns)
 
@@ -219,6 +218,9 @@ def _at_equal_steps(
     """Angles, then torques, at equal steps; ``turns``: gear ratios, of angles of joints."""
     n = len(values) // 2
     smooth = [True] * n + [False] * n
+    kept = [drop_repeats(*pair) for pair in zip(times[:n], values[:n], strict=True)]
+    times = [*(t for t, _ in kept), *times[n:]]
+    values = [*(x for _, x in kept), *values[n:]]
     found = resample(where, times, values, smooth)
     piece = max(found.pieces, key=lambda one: len(one.time))
     notes = list(found.notes)

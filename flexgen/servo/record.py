@@ -18,7 +18,7 @@ import numpy as np
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.sampling import read_clock, resample
+from flexgen.numerics.sampling import drop_repeats, read_clock, resample
 from flexgen.records.columns import find_column, find_time
 from flexgen.records.tables import read_arrays
 from flexgen.type_checks import checked_class
@@ -134,8 +134,9 @@ class ServoRecord:
                     f"{file}: given {kept.sum()} rows, expected {FEWEST} or more of "
                     f"{header[column]}"
                 )
-            times.append(np.asarray(clock[kept]))
-            values.append(np.asarray(x[kept]))
+            t, own = drop_repeats(np.asarray(clock[kept]), np.asarray(x[kept]))
+            times.append(t)
+            values.append(own)
         return cls._of_channels(file, times, values)
 
     @classmethod

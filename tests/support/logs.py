@@ -173,6 +173,8 @@ QUIRKS = (
     "stamps that are late",
     "unequal steps",
     "two rates",
+    "repeated angles",
+    "repeated torques",
     "degrees",
     "other units",
     "rpm",
@@ -214,7 +216,7 @@ def instants(quirk: str, end: float, rng: np.random.Generator) -> np.ndarray:
         return t + rng.uniform(-4e-5, 4e-5, len(t))
     if quirk == "unequal steps":
         return np.cumsum(rng.choice([0.010, 0.012], size=round(end / 0.011)))
-    step = 2e-3 if quirk == "two rates" else 8e-3
+    step = 2e-3 if quirk in ("two rates", "repeated angles", "repeated torques") else 8e-3
     return step * np.arange(round(end / step))
 
 
@@ -227,6 +229,9 @@ def quirky(quirk: str, arm: Arm, end: float = 20.0) -> Log:
         values[:, 0] += rng.normal(size=len(t)) * 1e-3
     if quirk == "two rates":
         values[np.arange(len(t)) % 4 != 0, 3:] = np.nan
+    if quirk.startswith("repeated"):
+        columns = slice(1, 3) if quirk == "repeated angles" else slice(3, 5)
+        values[:, columns] = values[np.arange(len(t)) // 4 * 4][:, columns]
     if quirk == "gap":
         values = np.delete(values, slice(500, 620), axis=0)
     if quirk == "rest":
