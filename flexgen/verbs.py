@@ -68,6 +68,11 @@ new | new:new
         template NAME in=TEMPLATES group=kind: {TEMPLATES}; default: planar
         urdf FILE text group=kind: with elastic gears for a URDF file: FILE.urdf#BASE:TIP; default: its root and its
             farthest link
+        dh FILE text group=kind: with elastic gears for a table of Denavit-Hartenberg parameters
+            (.csv), units in its header; see docs/datasheet.md
+        convention NAME in=standard/modified: of the table: a and alpha lead to the next axis
+            (standard), or come before the axis (modified, Craig); not needed where the header has
+            a_prev and alpha_prev
     files
         out FILE toml_file: write to this file (.toml); default: NAME.toml
         force: replace the file

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from flexgen.atomic_files import check_writable, write_text
 from flexgen.cli.result import Progress, VerbResult
 from flexgen.errors import ArgumentError
 from flexgen.spec.tables import show
 
+if TYPE_CHECKING:
+    from flexgen.templates.dh_model import DhModel
+
 
 def new(args: Namespace, log: Progress) -> VerbResult:
-    """Write a model file with plausible numbers and comments, from a template or for a URDF file."""
-    from flexgen.templates.new_model import new_overlay
+    """Write a model file with plausible numbers and comments, from a template, URDF file or DH table."""
+    from flexgen.templates.dh_model import model_from_dh
 
     path = args.out or Path(f"{args.name}.toml")
     check_writable(path)
@@ -21,14 +26,50 @@ def new(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError(
             f"--out: given {str(path)!r}, which exists, expected a new file; --force replaces it"
         )
+    if args.convention and args.dh is None:
+        raise ArgumentError("--convention: given without --dh, expected --dh FILE.csv")
+    next_steps = "\n".join(f"next: flexgen {verb} {path}" for verb in ("check", "analyze", "solve"))
+    found = {"name": args.name, "out": str(path)}
+    if args.dh is None:
+        return _from_template(args, path, next_steps)
+    made = model_from_dh(args.name, args.dh, args.convention)
+    write_text(path, made.text)
+    about = asdict(made)
+    del about["text"]
+    return VerbResult({**found, **about}, f"wrote {path}\n{_about(made)}\n{next_steps}")
+
+
+def _from_template(args: Namespace, path: Path, next_steps: str) -> VerbResult:
+    """Write a template, or the overlay of a URDF file with its repairs."""
+    from flexgen.templates.new_model import new_overlay
+
     made = new_overlay(args.name, args.template or "planar", args.urdf, path.parent)
     write_text(path, made.text)
     lines = [f"wrote {path}", *(f"repaired: {note}" for note in made.repairs)]
     if made.unfinished:
         names = ", ".join(map(show, made.unfinished))
-        lines += [f"unfinished: fill in the bodies of {names} in {path}; until then it is refused"]
-    lines += [f"next: flexgen {verb} {path}" for verb in ("check", "analyze", "solve")]
+        lines.append(
+            f"unfinished: fill in the bodies of {names} in {path}; until then it is refused"
+        )
     data = {"name": args.name, "out": str(path)}
     if args.urdf is not None:
         data |= {"repairs": list(made.repairs), "unfinished": list(made.unfinished)}
-    return VerbResult(data, "\n".join(lines))
+    return VerbResult(data, "\n".join([*lines, next_steps]))
+
+
+def _about(made: DhModel) -> str:
+    """What to compare with the datasheet."""
+
+    def point(values: tuple[float, ...]) -> str:
+        return ", ".join(f"{value:.6g}" for value in values) + " m"
+
+    moves = ", ".join(f"{name} ({duration:g} s)" for name, duration in made.moves) or "none"
+    lines = [
+        f"convention: {made.convention}",
+        f"tool with all joints at 0: {point(made.zero)}; at home: {point(made.tool)}",
+        f"moves: {moves}",
+        f"assumed: {len(made.assumed)} numbers, marked ASSUMED in the file; rules at its top",
+    ]
+    if made.missing:
+        lines.append(f"not in the table, and not in the file: {'; '.join(made.missing)}")
+    return "\n".join([*lines, *(f"warning: {text}" for text in made.warnings)])
