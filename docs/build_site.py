@@ -33,8 +33,8 @@ OTHERS = {
 # The table of contents: caption, pages. Pages that are missing here come at its end.
 CONTENTS = {
     "Learn": "overview five_minutes concepts theory gallery notebooks not_for",
-    "How to": "own_robot identification calibration limits_and_streams in_a_controller motion_control cluster paths "
-    "control planning equations extensions",
+    "How to": "own_robot datasheet identification calibration limits_and_streams "
+    "in_a_controller motion_control cluster paths control planning equations extensions",
     "Arrays": "arrays cuda jax pytorch",
     "Other programs": "fmu fmu_tools ros2 matlab plc exchange",
     "Use": "command_line python c_library methods verification real_machines platforms",

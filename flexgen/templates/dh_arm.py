@@ -1,4 +1,4 @@
-"""An arm from a table of Denavit-Hartenberg parameters: placements, bodies and drives, each number with its origin."""
+"""Placements, bodies and drives of an arm from a table of Denavit-Hartenberg parameters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from flexgen.templates.dh_table import CENTER, MOMENTS, PRODUCTS, DhTable, Row, inertia_of
 
 DENSITY = 2000.0
-"""Mean density [kg/m^3] of an assumed link: castings of aluminium with motors, cables and air inside."""
+"""Mean density [kg/m^3] of an assumed link: aluminium castings with motors, cables and air."""
 
 MASS_TO_PAYLOAD = 6.0
 """Assumed mass of all links for each kg of payload: robots of 5 to 300 kg payload have 4 to 10."""
@@ -20,10 +20,10 @@ USUAL_PAYLOAD = 5.0
 """Payload [kg] that the assumed masses are for where the table has none."""
 
 SHORT_LINK = 0.1
-"""Length [m] that counts for the assumed mass of a link with both axes at one point: housing and bearings."""
+"""Least length [m] of a link in the rule of masses: housings and bearings of axes that meet."""
 
 FREQUENCY = 20.0
-"""Assumed lowest mode [Hz] of a gear with its motor locked, the arm in the pose of the largest inertia."""
+"""Assumed lowest mode [Hz] of a gear, motor locked, in the pose of the largest inertia."""
 
 DAMPING_RATIO = 0.03
 """Assumed damping ratio of a gear in that pose."""
@@ -34,11 +34,14 @@ RATIO = 100.0
 LEAD = 0.02
 """Assumed travel [m] of a translation for each turn of its motor."""
 
+LEAST_ROTOR = 1e-6
+"""Smallest assumed inertia [kg m^2] of a rotor: that of a motor of 30 W."""
+
 LIGHT = 0.01
-"""Smallest inertia behind a gear, as a part of that of its rotor times ratio^2, for its assumed stiffness."""
+"""Smallest inertia behind a gear for its stiffness, as a part of the rotor's times ratio^2."""
 
 SLOWEST_STEP = 0.01
-"""1/beta as a part of the largest motor speed: at 1 % of it Coulomb friction has 76 % of its torque."""
+"""1/beta as a part of the largest motor speed, where Coulomb friction has 76 % of its torque."""
 
 USUAL_SPEED = 300.0
 """Motor speed [rad/s] that the steepness of friction is for where the table has no speed."""
@@ -55,16 +58,18 @@ AS_ARM = "as the arm"
 USUAL = "usual"
 STEEP = f"{100 * SLOWEST_STEP:g} % of the speed"
 RULES = {
-    BY_LENGTH: f"links have {MASS_TO_PAYLOAD:g} times the mass of the payload ({USUAL_PAYLOAD:g} kg without one), "
-    "each a share by its length and the number of joints behind it",
+    BY_LENGTH: f"links have {MASS_TO_PAYLOAD:g} times the mass of the payload "
+    f"({USUAL_PAYLOAD:g} kg without one), each a share by its length and the number of joints "
+    "behind it",
     MIDWAY: "center of mass midway between the axes of the link",
     CYLINDER: f"homogeneous cylinder of {DENSITY:g} kg/m^3 between the axes",
     BALL: f"homogeneous ball of {DENSITY:g} kg/m^3",
     AT_TOOL: "center of mass of the payload at the tool",
-    STIFF: f"lowest mode of the gear with its motor locked, in the pose of largest inertia (at least {LIGHT:g} of "
-    "the rotor's)",
+    STIFF: "lowest mode of the gear with its motor locked, in the pose of largest inertia "
+    f"(at least {LIGHT:g} of the rotor's)",
     DAMPED: "of the gear in that pose",
-    AS_ARM: "rotor inertia times ratio^2 is the largest inertia of the arm at the joint",
+    AS_ARM: "rotor inertia times ratio^2 is the largest inertia of the arm at the joint (at least "
+    f"{LEAST_ROTOR:g} kg m^2)",
     USUAL: f"{RATIO:g} for a rotation, 2 pi / {LEAD:g} m for a translation",
     STEEP: "1/beta is this part of the largest speed of the motor",
 }
@@ -75,8 +80,8 @@ RULES = {
 class Value:
     """A number or a vector in SI units.
 
-    ``origin``: empty for a number of the table; one of `RULES` for an assumed one. ``computed``: how it follows from
-    other numbers of the table.
+    ``origin``: empty for a number of the table; one of `RULES` for an assumed one. ``computed``:
+    how it follows from other numbers of the table.
     """
 
     value: float | tuple[float, ...]
@@ -92,7 +97,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Pose:
-    """A constant pose: position [m], and angles about the fixed axes x, y, z, in degrees if ``degrees``, else in rad."""
+    """A constant pose: position [m], angles about the fixed axes x, y, z [rad, or deg]."""
 
     position: tuple[float, ...]
     rpy: tuple[float, ...]
@@ -122,7 +127,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Link:
-    """A row as an element: placements before and after the joint, and the body in the frame of the link."""
+    """A row as an element: placements before and after the joint, and the body."""
 
     row: Row
     name: str
@@ -224,7 +229,7 @@ def _masses(table: DhTable, sizes: Sequence[float]) -> list[Value]:
 
 
 def _body(row: Row, mass: Value, span: tuple[np.ndarray, np.ndarray]) -> Body:
-    """The body of a link: a homogeneous cylinder between its axes, where the table has no numbers."""
+    """The body of a link; without numbers a homogeneous cylinder between its axes."""
     start, end = span
     if CENTER[0] in row:
         center = Value(tuple(row.get(name) for name in CENTER))
@@ -260,7 +265,7 @@ def _inertia(row: Row, mass: float, along: np.ndarray) -> Value:
 
 
 def payload(table: DhTable) -> Body | None:
-    """The payload in the frame of the last link; its center is at the tool where the table has none."""
+    """The payload in the frame of the last link; without a center at the tool."""
     row = table.payload
     if row is None or not row.get("mass"):
         return None
@@ -276,7 +281,7 @@ def drive(row: Row, inertia: float) -> Drive:
     """Gear and motor of a joint whose arm has at most this inertia [kg m^2 or kg]."""
     ratio = _ratio(row)
     factor = abs(ratio.number)
-    rotor = Value(_rounded(inertia / factor**2), AS_ARM)
+    rotor = Value(max(_rounded(inertia / factor**2), LEAST_ROTOR), AS_ARM)
     if "rotor_inertia" in row:
         rotor = Value(row.get("rotor_inertia"))
     behind = max(inertia, LIGHT * rotor.number * factor**2)

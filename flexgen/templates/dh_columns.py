@@ -47,8 +47,9 @@ STEEPNESS: Units = {"s/rad": 1.0}
 class Column:
     """A quantity of the table.
 
-    ``units``: of a rotation or of any row; ``translation``: of a translation, where they differ. ``least``, ``above``:
-    smallest value, and the value that it must exceed; ``other``: further names.
+    ``units``: of a rotation or of any row; ``translation``: of a translation, where they differ.
+    ``least``, ``above``: smallest value, and the value that it must exceed; ``other``: further
+    names.
     """
 
     name: str
@@ -181,5 +182,5 @@ def _plain(unit: str) -> str:
 
 
 def find_unit(given: str, units: list[str]) -> str | None:
-    """The unit of a list that a text of the header means, such as ``Nm/arcmin`` or ``kg*cm²``; None: another one."""
+    """The unit that a text of the header means, such as ``Nm/arcmin`` or ``kg*cm²``; else None."""
     return next((unit for unit in units if _plain(unit) == _plain(given)), None)

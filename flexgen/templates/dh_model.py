@@ -1,4 +1,4 @@
-"""A model file from a table of Denavit-Hartenberg parameters, each assumed number marked with its rule."""
+"""A model file from a table of Denavit-Hartenberg parameters; assumed numbers are marked."""
 
 from __future__ import annotations
 
@@ -55,9 +55,10 @@ FRICTION_UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "beta": "s/rad"}
 class DhModel:
     """A model file and what to know about it.
 
-    ``text``: TOML. ``home``: actuated coordinates [rad or m], where the tool is at ``tool`` [m, world axes]. ``moves``:
-    names and durations [s]. ``assumed``: numbers that are not of the table, with the rule. ``missing``: quantities that
-    are not in the file. ``warnings``: what to look at.
+    ``text``: TOML. ``home``: actuated coordinates [rad or m]. ``zero``, ``tool``: the tool with all
+    joints at 0, and at home [m, world axes]. ``moves``: names and durations [s]. ``assumed``:
+    numbers that are not of the table, with the rule. ``missing``: quantities that are not in the
+    file. ``warnings``: contradictions in the table.
     """
 
     text: str
@@ -74,8 +75,9 @@ class DhModel:
 def model_from_dh(name: str, table: str | Path, convention: str | None = None) -> DhModel:
     """The model file of an arm with elastic gears, from a table of Denavit-Hartenberg parameters.
 
-    Numbers that the table does not have are assumed, and marked. Home and moves are chosen such that the arm can do
-    them: within its ranges, far from singular poses, with at most 50 % of the speeds and 60 % of the torques.
+    Numbers that the table does not have are assumed, and marked. Home and moves are chosen such
+    that the arm can do them: within its ranges, far from singular poses, with at most 50 % of the
+    speeds and 60 % of the torques.
 
     Parameters
     ----------
@@ -84,7 +86,8 @@ def model_from_dh(name: str, table: str | Path, convention: str | None = None) -
     table : path
         CSV file, see `flexgen.templates.dh_table.read_dh`.
     convention : str, optional
-        "standard", or "modified" (Craig); not needed where the header has ``a_prev`` and ``alpha_prev``.
+        "standard", or "modified" (Craig); not needed where the header has ``a_prev`` and
+        ``alpha_prev``.
 
     Returns
     -------
@@ -158,8 +161,8 @@ class _Writer:
         names = [move.move.name for move in kept]
         if not names:
             self.warnings.append(
-                "no move: the motors of the table cannot move the arm, or its ranges are too small; "
-                "look at the units of the torques, masses and limits"
+                "no move: the motors cannot move the arm, or its ranges are too small; look at the "
+                "units of the torques, masses and limits"
             )
         elif tool and "line" not in names:
             self.warnings.append(
@@ -178,9 +181,9 @@ class _Writer:
         for motor, largest in zip(robot.motors, torque, strict=True):
             if motor.torque_max and largest > motor.torque_max:
                 self.warnings.append(
-                    f"motor {motor.name}: gravity needs up to {largest:.3g} N m in the range of the "
-                    f"joints, torque_max is {motor.torque_max:.3g} N m; the torque is that of the "
-                    "motor, not of the joint; or a counterbalance is missing"
+                    f"motor {motor.name}: gravity needs up to {largest:.3g} N m in the range "
+                    f"of the joints, torque_max is {motor.torque_max:.3g} N m; the torque is that of "
+                    "the motor, not of the joint; or a counterbalance is missing"
                 )
 
     def _tool_positions(
@@ -230,10 +233,12 @@ class _Writer:
 
     def _head(self, home: np.ndarray | None) -> list[str]:
         table = self.table
+        about = f"{len(table.joints)} joints, from a table of {table.convention} DH parameters"
+        source = f"{Path(table.file).name}; numbers marked as ASSUMED: rules of flexgen"
         lines = [
             f'name = "{self.name}"',
-            f"description = {toml(f'{len(table.joints)} joints, from a table of {table.convention} DH parameters')}",
-            f"source = {toml(f'{Path(table.file).name}; numbers marked as assumed are rules of flexgen')}",
+            f"description = {toml(about)}",
+            f"source = {toml(source)}",
             _noted("gravity = [0, 0, -9.81]", "m/s^2, world axes; the base is upright"),
         ]
         pose = _middle(table) if home is None else home
@@ -246,9 +251,10 @@ class _Writer:
         return [
             *lines,
             "",
-            f"# Convention: {table.convention}, frame i-1 to frame i: {FORMULAS[table.convention]}.",
-            "# Centers of mass and inertias are in frame i, which moves with link i; inertias about the",
-            "# center of mass. SI units; keys that end in _deg are angles in degrees.",
+            f"# Convention: {table.convention}, from frame i-1 to frame i:",
+            f"# {FORMULAS[table.convention]}.",
+            "# Centers of mass and inertias are in frame i, which moves with link i; inertias",
+            "# about the center of mass. SI units; keys that end in _deg are angles in degrees.",
             *self._legend(),
             "",
         ]
@@ -258,10 +264,7 @@ class _Writer:
         used = dict.fromkeys(note.partition(": ")[2] for note in self.assumed)
         if not used:
             return []
-        lines = [
-            "#",
-            "# ASSUMED numbers are not of the table: replace them by those of your robot. Their rules:",
-        ]
+        lines = ["#", "# ASSUMED numbers are not of the table: replace them. Their rules:"]
         for rule in used:
             text = f"{rule}: {RULES[rule]}."
             lines += wrap(text, 100, initial_indent="# - ", subsequent_indent="#   ")

@@ -1,4 +1,4 @@
-"""Home pose, output and moves of a new arm: searched, and checked against ranges, speeds and torques."""
+"""Home pose, output and moves of a new arm, within its ranges, speeds and torques."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ STEP = {"rad": math.radians(10.0), "m": 0.01}
 """Home is a multiple of this [rad, m]."""
 
 STEADY = 0.4
-"""Smallest singular value of the Jacobian along a move, as a part of that at home: far from singular poses."""
+"""Smallest singular value of the Jacobian along a move, as a part of that at home."""
 
 SWING = {"rad": 1.4, "m": 1.0}
 """Largest change of a joint [rad, m] in a move of the tool."""
@@ -107,7 +107,7 @@ def joints_of(robot: RobotModel) -> list[Coordinate]:
 
 
 def draw_poses(robot: RobotModel, count: int, seed: int = 1) -> np.ndarray:
-    """Poses (count, n_g) in the central part of all ranges, multiples of `STEP` where the range has some."""
+    """Poses (count, n_g) in the central part of all ranges, multiples of `STEP` if possible."""
     low, high = ranges(robot)
     units = [joint.unit for joint in joints_of(robot)]
     wide = np.array([UNLIMITED[unit] for unit in units])
@@ -146,7 +146,7 @@ class Arm:
         return np.linalg.svd(self.jacobians(q_g), compute_uv=False)[:, -1]
 
     def home(self) -> np.ndarray:
-        """The pose (n_g) of largest dexterity among many, with small angles where it hardly matters."""
+        """The pose (n_g) of largest dexterity among many, reduced by large angles."""
         poses = draw_poses(self.robot, CANDIDATES)
         low, high = ranges(self.robot)
         if low[0] <= 0.0 <= high[0]:
@@ -160,7 +160,7 @@ class Arm:
         return q
 
     def accept(self, move: Move, least: float) -> Kept | None:
-        """The move with a duration that joints and motors allow; None where the arm cannot do it."""
+        """The move with a duration for its joints and motors; None: the arm cannot do it."""
         try:
             motion = self._joints(move)
         except FlexgenError:
@@ -186,7 +186,7 @@ class Arm:
         return q, v, a
 
     def _timed(self, move: Move, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> Kept | None:
-        """The shortest duration in steps of 0.1 s at which speeds and torques keep a distance to their limits."""
+        """The shortest duration, in steps of 0.1 s, with a margin of speeds and torques."""
         speeds, why = self._speed_limits()
         accelerations = np.array([ACCELERATION[unit] for unit in self.units])
         by_speed = float((np.abs(v).max(axis=0) / speeds).max()) * move.duration
@@ -225,7 +225,7 @@ class Arm:
         ), f"{part if known else ''}at most {SPEED['rad']:g} rad/s, {ACCELERATION['rad']:g} rad/s^2"
 
     def _torque_use(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
-        """Largest torque of the rigid arm and its rotors, as a part of the limit; 0 without limits."""
+        """Largest torque of the rigid arm and its rotors, as a part of its limit."""
         robot = self.robot
         limits = np.array([motor.torque_max or np.inf for motor in robot.motors])
         if not np.isfinite(limits).any():
@@ -244,6 +244,9 @@ class Arm:
 
     def moves(self, home: np.ndarray, tool: bool) -> Iterator[Kept]:
         """A line and a circle of the tool, and a move of all joints: those that the arm can do."""
+        rest = np.zeros_like(home[None])
+        if self._torque_use(home[None], rest, rest) > TORQUE_PART:
+            return
         if tool:
             line = self._first(self._lines(home), float(self.dexterity(home[None])[0]))
             yield from [line] if line else []
@@ -315,7 +318,7 @@ class Arm:
 
 
 def choose_axes(equations: Equations) -> list[int]:
-    """Rows of the Jacobian that n joints determine: 6, three positions, a pair or one of them; none: the joints."""
+    """Rows of the Jacobian that n joints determine: a pose or positions; none: the joints."""
     robot = equations.model
     if robot.n_g >= 6:
         sets: list[tuple[int, ...]] = [tuple(range(6))]

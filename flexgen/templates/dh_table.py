@@ -1,4 +1,4 @@
-"""Reads a table of Denavit-Hartenberg parameters: a CSV file with a name and a unit in each cell of its first line."""
+"""Reads tables of Denavit-Hartenberg parameters: CSV files with units in the header."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: a joint, a fixed part, the tool or the payload; ``cells`` by the name of the column."""
+    """A joint, a fixed part, the tool or the payload; ``cells`` by the name of the column."""
 
     line: int
     name: str
@@ -81,7 +81,7 @@ class DhTable:
     """A table of Denavit-Hartenberg parameters.
 
     ``convention``: "standard", ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``, or "modified" (Craig),
-    ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``. ``rows``: joints and fixed parts from the base to the flange.
+    ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``. ``rows``: joints and fixed parts from base to flange.
     """
 
     file: str
@@ -102,9 +102,11 @@ def read_dh(path: str | Path, convention: str | None = None) -> DhTable:
     Parameters
     ----------
     path : path
-        CSV file in UTF-8: commas, semicolons or tabs between cells; with semicolons or tabs also decimal commas.
+        CSV file in UTF-8: commas, semicolons or tabs between cells; with semicolons or tabs also
+        decimal commas.
     convention : str, optional
-        "standard" or "modified"; not needed where the header has ``a_prev`` and ``alpha_prev``, which are modified.
+        "standard" or "modified"; not needed where the header has ``a_prev`` and ``alpha_prev``,
+        which are modified.
 
     Returns
     -------
@@ -327,9 +329,6 @@ class _Reader:
 
     def check_rows(self, table: DhTable) -> None:
         """What concerns whole rows and the whole table."""
-        number = len(table.joints)
-        if not 1 <= number <= MOST_JOINTS:
-            raise self.fail(0, "file", f"{number} joints", f"1 to {MOST_JOINTS} lines with joints")
         for row in table.rows:
             for name in REQUIRED:
                 if name not in row:
@@ -341,6 +340,9 @@ class _Reader:
             self._check_joint(row)
         for row in (*table.rows, *([table.payload] if table.payload else [])):
             self._check_body(row)
+        number = len(table.joints)
+        if not 1 <= number <= MOST_JOINTS:
+            raise self.fail(0, "file", f"{number} joints", f"1 to {MOST_JOINTS} lines with joints")
 
     def _check_fixed(self, row: Row) -> None:
         allowed = (*REQUIRED, "theta", *BODY)
@@ -442,8 +444,9 @@ def _inertia_problem(inertia: np.ndarray) -> tuple[str, str] | None:
 def likely_convention(joints: tuple[Row, ...]) -> str:
     """The convention that the zeros of a table suggest; empty: they suggest none.
 
-    A table of the convention "modified" begins with a and alpha 0, since frame 0 can be put on the first axis; one of
-    the convention "standard" ends with them, since the last frame can be put on the last axis.
+    A table of the convention "modified" begins with a and alpha 0, since frame 0 can be put on the
+    first axis; one of the convention "standard" ends with them, since the last frame can be put on
+    the last axis.
     """
     moving = [row for row in joints if row.kind != "fixed"]
     if len(moving) < 2:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def new(args: Namespace, log: Progress) -> VerbResult:
-    """Write a model file with plausible numbers and comments, from a template, URDF file or DH table."""
+    """Write a model file with plausible numbers, from a template, a URDF file or a DH table."""
     from flexgen.templates.dh_model import model_from_dh
 
     path = args.out or Path(f"{args.name}.toml")
