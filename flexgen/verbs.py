@@ -284,6 +284,9 @@ control MODEL | control:control | control
         @force
         assumed_force FACTOR factor_or_file: what the feedforward assumes of it: a factor, such as 0.8 (0: none), or a
             file with another force; default: the same
+    feedforward
+        @method
+        no_compare: without the table of the errors with no, rigid and elastic feedforward
     closed loop
         @loop
         encoder_resolution RAD not_negative: of the motor angles [rad]; default: {default}
@@ -379,15 +382,31 @@ score | control:score | score
         @page
 tune | control:tune | tune
     arguments
-        @scenario
+        <scenario> MODEL: a model, whose cascade is tuned on it and on robots that differ; or a
+            benchmark: four_mass, two_link (four_mass@1: version 1), or a .toml file like theirs
     search
-        controller NAME: where to start: as for 'flexgen score', {CONTROLLERS}
-        evaluations N whole_1: of the score from a start; default: {default}
-        starts N whole_1: number of starts; default: {default}
-        workers N whole_1: number of processes; default: {default}
-        seed N whole_0: of the other starts; default: {default}
+        controller NAME: where to start; default: ppi, of a benchmark as for 'flexgen score'
+        evaluations N whole_1: controllers that are tried; default: 120, of a benchmark {default}
+            from each start
+        seed N whole_0: of noise and draws
+        time_limit SECONDS not_negative: of a model: then, or after Ctrl-C, the best one so far is
+            written; default: none
+        starts N whole_1: of a benchmark: number of starts; default: {default}
+        workers N whole_1: of a benchmark: number of processes; default: {default}
+    robots of a model
+        move NAME: a move or program of the model file; default: the first
+        plants NAME:KEY=X,... plant several --plant: another robot, as for 'flexgen control';
+            default: those of [uncertainty], or stiffness=0.8 and 1.2
+        disturbances KIND:WHERE=SIZE@START+LENGTH disturbance several --disturb: as for 'flexgen
+            control'
+        sample_time S positive: of the controller [s]; default: 0.0005
+        delay S not_negative: from a measurement to its torque [s]; default: 0
+        encoder_noise RAD not_negative: of the motor angles [rad]; default: 0
+        gain_margin_db DB not_negative --gain-margin: required of all robots [dB]; default: 6
+        phase_margin_deg DEG not_negative --phase-margin: required of all robots [deg]; default: 30
     files
-        out FILE toml_file required: write the controller to this file
+        out FILE toml_file required: write the controller to this file, for 'flexgen control
+            --controller FILE'
 """
 
 LAST_ROWS = """

@@ -19,6 +19,7 @@ from flexgen.environment.disturbances import Disturbance, disturbance_table
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.environment.wall import Wall, contact_force, numbers_of, wall_force
 from flexgen.errors import ArgumentError
+from flexgen.inversion.method_table import AUTO
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.loop.case import SAMPLE_S, Case, control_case, with_wall
@@ -49,6 +50,7 @@ def control(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
+    method: str = AUTO,
     controller: Any = "ppi",
     sample_time: float = SAMPLE_S,
     delay: float = 0.0,
@@ -83,6 +85,8 @@ def control(
     model : name, path, RobotModel or Equations
     move : str or Move, optional
         A move of the model file; default: its first.
+    method : str
+        Of the feedforward, as of `flexgen.solve`; ``"rigid"``: that of a rigid robot.
     controller : str or object
         ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"none"`` (feedforward only), the name of a law such as
         ``"lqg"``, a path of a ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, a `PPI`, `PID`,
@@ -134,7 +138,7 @@ def control(
     '242 um'
     """
     tell = progress if callable(progress) else None
-    solution = _solve_assuming(model, move, force, assumed_force, solution, tell)
+    solution = _solve_assuming(model, move, method, force, assumed_force, solution, tell)
     case = control_case(
         model, move, sample_time=sample_time, delay=delay, plants=plants, disturbances=disturbances,
         encoder_noise=encoder_noise, encoder_resolution=encoder_resolution, torque_limits=torque_limits,
@@ -149,14 +153,23 @@ def control(
 def _solve_assuming(
     model: Any,
     move: str | Move | None,
+    method: str,
     force: Any,
     assumed: Any,
     solution: Solution | None,
     progress: Progress | None,
 ) -> Solution | None:
-    """The solution of a move with the force that the feedforward assumes; as it is given without a force."""
+    """The solution of a move by a method, with the force that the feedforward assumes; None: by default."""
+    if solution is not None and method != AUTO:
+        raise ArgumentError(
+            f"method: given {method!r} with a solution, expected one of both: a solution has its own"
+        )
     if force is None and assumed is None:
-        return solution
+        if method == AUTO:
+            return solution
+        if progress is not None:
+            progress(f"solving the move, method {method}")
+        return solve(model, move, method, verify=False, progress=progress)
     if force is None:
         raise ArgumentError(
             "assumed_force: given without a force, expected also force: the one that acts"
@@ -170,7 +183,9 @@ def _solve_assuming(
     if isinstance(assumed, float) or is_number(assumed):  # also NaN
         check_not_negative("assumed_force", assumed)
         assumed = scale_force(force, robot_of(model), assumed)
-    return solve(model, move, force=force if assumed is None else assumed, progress=progress)
+    return solve(
+        model, move, method, force=force if assumed is None else assumed, progress=progress
+    )
 
 
 def case_controller(case: Case, controller: Any) -> tuple[Controller, str]:
@@ -279,7 +294,7 @@ def _run(
         )
     return ControlRun(
         robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
-        seconds, None if case.force is None else case.force.at(reference.time),
+        seconds, None if case.force is None else case.force.at(reference.time), case.plants,
     )  # fmt: skip
 
 

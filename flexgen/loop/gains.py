@@ -70,6 +70,18 @@ class PPI:
         check_motion(model, motion)
         return chosen_frequencies(given, lowest_locked_hz(model, motion))
 
+    def speeds_in_use(
+        self, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]
+    ) -> np.ndarray:
+        """Bandwidths (n_m,) of the speed control of the motors [Hz], where sample time and delay cut them.
+
+        ``speed_gain / (2 pi J)`` with the inertia J that a motor moves while all springs are stiff; parameters as of
+        `cascade`.
+        """
+        stiff, _ = motor_inertias(model, motion)
+        gain = self.cascade(model, late_s, motion).speed_gain
+        return np.asarray(gain / (2.0 * np.pi * stiff))
+
     def cascade(self, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]) -> Cascade:
         """The gains for a model.
 

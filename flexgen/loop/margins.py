@@ -2,6 +2,7 @@
 
 largest gain      of the whole feedback, from 1 on, before an eigenvalue of the loop leaves the unit circle
 largest delay     beside the one that is there [s]
+largest lag       of all motors at all frequencies: the gain exp(-i phi)
 L(z)              loop gain from torques to torques; Nyquist: det(1 + L) circles the origin as often as L has
                   unstable poles
 """
@@ -28,6 +29,9 @@ from flexgen.type_checks import checked_class, checked_result
 LARGEST_FACTOR = 1e9  # of the loop gain that is tested
 LARGEST_GAIN, GAINS = 100.0, 60
 LARGEST_DELAY, DELAYS = 32.0, 128  # samples; in steps of a quarter
+LAGS = 36
+"""Lags up to 180 degrees that are tested one after another."""
+
 MOST_LATE = 256  # samples of a delay, each of which is a state
 BISECTIONS = 20
 FREQUENCIES, LEAST_HZ = 600, 1e-6
@@ -40,19 +44,40 @@ class Margins(Result):
     """Margins of the loop at a pose.
 
     ``stable``; ``largest_eigenvalue``: of the sampled loop; ``gain``: largest factor, ``delay_s``: largest delay more
-    [s]; both infinite where none was found, zero for an unstable loop.
+    [s], ``phase_deg``: largest lag of all motors together [deg]; infinite where none was found, zero for an unstable
+    loop. ``gain_hz``, ``phase_hz``: frequencies at which the loop oscillates at these margins [Hz]; NaN: none.
 
     Examples
     --------
     >>> margins = flexgen.control("elbow").margins()["begin"]
     >>> margins.stable, f"gain {margins.gain:.1f}, delay {1e3 * margins.delay_s:.1f} ms"
     (True, 'gain 7.1, delay 2.1 ms')
+    >>> f"{margins.gain_db:.1f} dB, {margins.phase_deg:.0f} deg"
+    '17.0 dB, 64 deg'
     """
 
     stable: bool
     largest_eigenvalue: float
     gain: float
     delay_s: float
+    gain_hz: float = float("nan")
+    phase_deg: float = float("nan")
+    phase_hz: float = float("nan")
+
+    @property
+    def gain_db(self) -> float:
+        """The gain margin in dB; infinite where none was found, minus infinity for an unstable loop."""
+        with np.errstate(divide="ignore"):
+            return float(20.0 * np.log10(self.gain))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields and ``gain_db``; None for a margin that was not found."""
+        found = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        numbers = found | {"gain_db": self.gain_db}
+        return {
+            name: None if isinstance(x, float) and not np.isfinite(x) else x
+            for name, x in numbers.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -142,10 +167,27 @@ class LoopAtPose:
             raise ArgumentError(
                 f"gain: given {show_value(gain)}, expected a number from -{LARGEST_FACTOR} to {LARGEST_FACTOR}"
             )
+        return float(np.abs(self._eigenvalues(gain, more_delay_s)).max())
+
+    def _eigenvalues(self, gain: complex, more_delay_s: float = 0.0) -> np.ndarray:
+        """Of the closed loop whose feedback has another gain: ``exp(-i phi)`` is a lag of phi."""
         F, G, Y = self._plant(more_delay_s)
         A, B, C, D = (x[0] for x in self.controller.matrices)
         loop = np.block([[F - gain * G @ D @ Y, gain * G @ C], [-B @ Y, A]])
-        return float(np.abs(np.linalg.eigvals(loop)).max())
+        return np.asarray(np.linalg.eigvals(loop))
+
+    def lag_is_stable(self, degrees: float) -> bool:
+        """Whether the loop is stable with this lag of all motors at all frequencies."""
+        lag = np.exp(-1j * np.radians(degrees))
+        return bool(np.abs(self._eigenvalues(complex(lag))).max() < 1.0)
+
+    def _critical_hz(self, gain: complex) -> float:
+        """Frequency [Hz] of the largest eigenvalue; NaN where the gain is not finite."""
+        if not np.isfinite(gain):
+            return float("nan")
+        found = self._eigenvalues(gain)
+        worst = found[np.argmax(np.abs(found))]
+        return float(abs(np.angle(worst)) / (2.0 * np.pi * self.sample_s))
 
     def _plant(self, more_delay_s: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         m = self.model
@@ -154,15 +196,18 @@ class LoopAtPose:
         )
 
     def margins(self) -> Margins:
-        """Gain and delay margin."""
+        """Gain, phase and delay margin."""
         largest = self.largest_eigenvalue()
         if not largest < 1.0:
-            return Margins(False, largest, 0.0, 0.0)
+            return Margins(False, largest, 0.0, 0.0, phase_deg=0.0)
         gains = np.geomspace(1.0, LARGEST_GAIN, GAINS)
         delays = self.sample_s * LARGEST_DELAY * np.arange(1, DELAYS + 1) / DELAYS
         gain = _find_largest(lambda x: self.largest_eigenvalue(x) < 1.0, 1.0, gains[1:])
         delay = _find_largest(lambda x: self.largest_eigenvalue(1.0, x) < 1.0, 0.0, delays)
-        return Margins(True, largest, gain, delay)
+        phase = _find_largest(self.lag_is_stable, 0.0, np.linspace(0.0, 180.0, LAGS + 1)[1:])
+        lag = np.exp(-1j * np.radians(phase)) if np.isfinite(phase) else complex("inf")
+        hz = self._critical_hz(gain), self._critical_hz(complex(lag))
+        return Margins(True, largest, gain, delay, hz[0], phase, hz[1])
 
     def response(self, low_hz: float) -> LoopResponse:
         """Loop gain from ``low_hz`` to half the sample rate."""
@@ -217,9 +262,13 @@ def loops_at(
     delay_s: float,
     motion: Arrays,
     samples: np.ndarray,
+    poses: PoseModels | None = None,
 ) -> list[LoopAtPose]:
-    """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear."""
-    poses, out = PoseModels(model), []
+    """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear.
+
+    ``poses``: of a robot that differs from the model.
+    """
+    poses, out = poses or PoseModels(model), []
     late = [0] * model.n_m + [
         round(x.delay_s / sample_s) for x in model.sensors for _ in x.channels
     ]

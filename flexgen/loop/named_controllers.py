@@ -18,6 +18,9 @@ from flexgen.model.elements import RobotModel
 from flexgen.position_servo.filters import Notch
 from flexgen.registry import extension, names
 
+CUT = 1e-3
+"""Part of a frequency by which it must be lower to count as cut."""
+
 BUILT_IN = ("ppi", "ppi_notch", "none")
 
 
@@ -64,10 +67,8 @@ def controller_of(
         given, name = _find_controller(str(given), model, [x[:1] for x in motion])
     if isinstance(given, PPI):
         begin = [x[:1] for x in motion]
-        return given.cascade(model, late, begin), _ppi_name(given, model, begin) if name in (
-            "PPI",
-            "ppi",
-        ) else name
+        title = _ppi_name(given, model, late, begin) if name in ("PPI", "ppi") else name
+        return given.cascade(model, late, begin), title
     if isinstance(given, LinearDesign):
         return given.linear(model, sample_time, delay, motion, samples), given.title
     if isinstance(given, PID):
@@ -81,8 +82,22 @@ def controller_of(
     return PythonController(given), name
 
 
-def _ppi_name(ppi: PPI, model: RobotModel, motion: Sequence[np.ndarray]) -> str:
-    return f"ppi {'/'.join(f'{f:.3g}' for f in ppi.frequencies(model, motion).values())} Hz"
+def _ppi_name(ppi: PPI, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]) -> str:
+    """The name with the frequencies in use, and that of the speed control before it was cut."""
+    asked = ppi.frequencies(model, motion)
+    used = ppi.speeds_in_use(model, late_s, motion)
+    shown = {key: f"{value:.3g}" for key, value in asked.items()}
+    cut = used < (1.0 - CUT) * asked["speed_hz"]
+    if cut.any():
+        ends = f"{used.min():.3g}", f"{used.max():.3g}"
+        shown["speed_hz"] = ends[0] if ends[0] == ends[1] else " to ".join(ends)
+    title = f"ppi {'/'.join(shown.values())} Hz"
+    if not cut.any():
+        return title
+    return (
+        f"{title} (position/speed/integral; speed cut from {asked['speed_hz']:.3g} Hz, because "
+        f"sample time and delay are {1e3 * late_s:.3g} ms)"
+    )
 
 
 def _find_controller(text: str, model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[Any, str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,13 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution, format_size
 from flexgen.loop.closed_loop import NOT_FINITE, TOO_LONG
 from flexgen.loop.hardware import DriveHardware
+from flexgen.loop.hysteresis import without_states
 from flexgen.loop.interface import Controller
 from flexgen.loop.margins import LoopAtPose, Margins, loops_at
-from flexgen.loop.plants import NOMINAL
+from flexgen.loop.named_controllers import FeedforwardOnly
+from flexgen.loop.plants import NOMINAL, Plants
 from flexgen.loop.reference import MotionReference
+from flexgen.loop.sampled_model import PoseModels
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import (
     columns_in,
@@ -38,9 +42,19 @@ from flexgen.type_checks import checked_result
 UNITS = ("m", "rad")
 SHOWN = 20  # robots in the printed text
 ADVICE = {
-    NOT_FINITE: ": the loop is unstable; lower the gains, or take a shorter sample time",
+    NOT_FINITE: "; lower the gains, or take a shorter sample time",
     TOO_LONG: ": the loop is unstable, or what is commanded jumps; lower the gains, or command smoother motions",
 }
+DONE = "done"
+UNSTABLE = "unstable"
+GROWTH = 1e-6
+"""How much more than 1 an eigenvalue of the sampled loop must be to count as unstable: rounding is below it."""
+
+LAST_S = 0.1
+"""Time [s] at rest after the motion, at its begin and end, over which errors of the motors are compared."""
+
+RUNAWAY, RUNAWAY_GROWTH = 0.1, 1.5
+"""A loop diverges where motors at rest are off by this part of their motion (and 1 rad), and still go on by this."""
 
 
 @checked_result
@@ -125,6 +139,8 @@ class ControlRun(Result):
         Of the simulation.
     force : array (n, 6) or None [N, N m]
         Of a process on all tools at the samples, world axes; None: there is none.
+    plants : Plants or None
+        Numbers in which the robots differ from the model.
 
     Examples
     --------
@@ -144,6 +160,7 @@ class ControlRun(Result):
     steps: int
     wall_s: float
     force: np.ndarray | None = None
+    plants: Plants | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         return f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, {self.status}>"
@@ -178,15 +195,56 @@ class ControlRun(Result):
         more = len(self.runs) - SHOWN
         return "\n".join([*lines, *([f"  and {more} more robots in .runs"] if more > 0 else [])])
 
+    @cached_property
+    def unstable(self) -> dict[str, str]:
+        """Robots whose loop is unstable, each with the reason; empty: none was found.
+
+        A linear loop is unstable where an eigenvalue at the begin, middle or end of the motion leaves the unit circle;
+        another one where the motion of its robot grows at rest, or is not finite.
+        """
+        if isinstance(self.law, FeedforwardOnly):
+            return {}
+        found = {}
+        for run in self.runs:
+            if run.failure == NOT_FINITE:
+                found[run.name] = run.failure
+                continue
+            loops = {} if run.failure else self.loops(run.name)
+            largest = {name: loop.largest_eigenvalue() for name, loop in loops.items()}
+            poses = [name for name, size in largest.items() if size > 1.0 + GROWTH]
+            if poses:
+                worst = max(largest.values())
+                found[run.name] = (
+                    f"the linear loop at {', '.join(poses)} of the motion has an eigenvalue of {worst:.5f}"
+                )
+            elif not loops and not run.failure and self._runs_away(run):
+                found[run.name] = "its motors go away at rest"
+        return found
+
+    def _runs_away(self, run: PlantRun) -> bool:
+        """Whether the error of the motors grows at rest after the motion."""
+        wanted = self.reference.motion["q_m"]
+        error = np.abs(run.q_m - wanted)
+        count = max(int(LAST_S / self.hardware.sample_s), 1)
+        first = int(np.searchsorted(self.reference.time, self.reference.end))
+        if first + 2 * count > len(error):
+            return False
+        before, last = error[first : first + count].max(axis=0), error[-count:].max(axis=0)
+        large = last > RUNAWAY * (1.0 + np.ptp(wanted, axis=0))
+        return bool((large & (last > RUNAWAY_GROWTH * before)).any())
+
     @property
     def status(self) -> str:
-        """``done``, or that of the first robot that failed."""
+        """``done``; ``unstable: ...`` with the first robot that is; ``failed: ...`` with the first that failed."""
+        for name, reason in self.unstable.items():
+            advice = ADVICE.get(self[name].failure, ADVICE[NOT_FINITE])
+            return f"{UNSTABLE}: {name}: {reason}{advice}"
         failed = (
             f"failed: {run.name}: {run.failure}{ADVICE.get(run.failure, '')}"
             for run in self.runs
             if run.failure
         )
-        return next(failed, "done")
+        return next(failed, DONE)
 
     @property
     def nominal(self) -> PlantRun:
@@ -428,19 +486,30 @@ class ControlRun(Result):
         at = np.searchsorted(reference.time, list(times.values())).clip(0, len(reference.time) - 1)
         return dict(zip(times, at.tolist(), strict=True))
 
-    def loops(self) -> dict[str, LoopAtPose]:
-        """The linear loops at these poses; empty for a law that is not linear."""
+    def loops(self, robot: str = NOMINAL) -> dict[str, LoopAtPose]:
+        """The linear loops of a robot at these poses; empty for a law that is not linear."""
         samples = self.pose_samples
-        points, at = (
-            self.reference.points(np.array([*samples.values()])),
-            np.array([*samples.values()]),
-        )
-        found = loops_at(self.model, self.law, self.hardware.sample_s, self.delay_s, points, at)
+        at = np.array([*samples.values()])
+        points = self.reference.points(at)
+        sample_s = self.hardware.sample_s
+        poses = self._poses(robot)
+        found = loops_at(self.model, self.law, sample_s, self.delay_s, points, at, poses)
         return dict(zip(samples, found, strict=False))
 
-    def margins(self) -> dict[str, Margins]:
-        """Stability margins at these poses."""
-        return {name: loop.margins() for name, loop in self.loops().items()}
+    def _poses(self, robot: str) -> PoseModels | None:
+        """The linear models of a robot that differs from the model; None for one that does not."""
+        if robot == NOMINAL or self.plants is None or not self.plants.parameters:
+            return None
+        if robot not in self.plants.names:
+            known = ", ".join(self.plants.names)
+            raise ArgumentError(f"robot: given {robot!r}, expected one of {known}")
+        names = [parameter.name for parameter in self.plants.parameters]
+        values = self.plants.values[self.plants.names.index(robot)]
+        return PoseModels(without_states(self.model), names, values)
+
+    def margins(self, robot: str = NOMINAL) -> dict[str, Margins]:
+        """Stability margins of a robot at these poses, of its linear loop."""
+        return {name: loop.margins() for name, loop in self.loops(robot).items()}
 
     def to_dict(self) -> dict[str, Any]:
         """The figures as JSON types, SI units."""

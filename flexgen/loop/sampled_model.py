@@ -42,19 +42,25 @@ class PoseModel:
 
 
 class PoseModels:
-    """Linear models of a robot at points of a motion."""
+    """Linear models of a robot at points of a motion.
 
-    def __init__(self, model: RobotModel) -> None:
+    ``names``, ``values`` (n_p,): numbers in which the robot differs from the model.
+    """
+
+    def __init__(
+        self, model: RobotModel, names: Sequence[str] = (), values: np.ndarray | None = None
+    ) -> None:
         self.model = model
         equations = derive(model)
-        self._local = LocalDynamics(equations)
+        self._local = LocalDynamics(derive(model, tuple(names)) if names else equations)
+        self._values = np.zeros(0) if values is None else values
         self._output, self._tool = output_jacobian(equations), equations.function("jacobian")
         self._sensors = equations.function("sensor_derivatives") if model.sensors else None
 
     def at(self, motion: Sequence[np.ndarray]) -> PoseModel:
         """The model at one point ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of a motion."""
         model, n, n_a = self.model, self.model.dof, self.model.n_a
-        M, D, K, F = (x[0] for x in self._local.matrices(motion, np.zeros(0)))
+        M, D, K, F = (x[0] for x in self._local.matrices(motion, self._values))
         inverse = np.linalg.inv(M)
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]])
         B = np.vstack([np.zeros((n, model.n_m)), inverse @ F])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from flexgen.accuracy.figures import PathAccuracy
     from flexgen.benchmarks.scenario import Scenario
     from flexgen.benchmarks.score import Score
+    from flexgen.benchmarks.tune_cascade import CascadeTuning
+    from flexgen.loop.feedforward import FeedforwardComparison
     from flexgen.loop.margins import Margins
     from flexgen.loop.result import ControlRun
 
@@ -61,12 +64,114 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
     if any(not r.failure for r in run.runs):
         lines += ["", accuracy_text(run.accuracy())]
     if margins:
-        head = ("pose", "stable", "gain margin", "delay margin, ms")
-        lines += [
-            "",
-            table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head),
-        ]
+        lines += ["", margins_text(margins, "pose")]
     return "\n".join(lines)
+
+
+def margins_text(margins: Mapping[str, Margins], what: str) -> str:
+    """A table of stability margins with their frequencies."""
+    head = (
+        what,
+        "stable",
+        "gain margin",
+        "dB",
+        "at Hz",
+        "phase margin, deg",
+        "at Hz",
+        "delay margin, ms",
+    )
+    rows = [
+        [
+            name,
+            "yes" if m.stable else "no",
+            _found(m.gain),
+            _found(m.gain_db),
+            _found(m.gain_hz),
+            _found(m.phase_deg),
+            _found(m.phase_hz),
+            _found(1e3 * m.delay_s),
+        ]
+        for name, m in margins.items()
+    ]
+    return table(rows, head)
+
+
+def _found(value: float) -> float | str:
+    """A number, or a dash for one that was not found."""
+    return value if math.isfinite(value) else "-"
+
+
+def feedforward_text(compared: FeedforwardComparison) -> str:
+    """The errors of one move with no, rigid and elastic feedforward, and what is missing."""
+    names = [*compared.runs]
+    rows = [
+        [
+            row["robot"],
+            f"{row['what']}, m{row['unit']}",
+            *("failed" if row[name] is None else 1e3 * row[name] for name in names),
+        ]
+        for row in compared.rows()
+    ]
+    title = "feedforward compared, the same feedback: none, of the rigid robot, "
+    lines = [
+        f"{title}and elastic ({compared.elastic.solution.method})",
+        "",
+        table(rows, ("robot", "largest", *names)),
+    ]
+    unstable = [
+        f"{name}: {run.status}" for name, run in compared.runs.items() if run.status != "done"
+    ]
+    missing = [f"{name}: not compared: {reason}" for name, reason in compared.missing.items()]
+    return "\n".join([*lines, *unstable, *missing])
+
+
+def tuning_text(tuned: CascadeTuning) -> str:
+    """Gains, errors and margins of a tuned cascade, before and after."""
+    gains = [
+        [
+            row["motor"],
+            *(
+                row[f"{name}_{when}"]
+                for name in ("position_gain", "speed_gain", "speed_hz", "integral_gain")
+                for when in ("before", "after")
+            ),
+        ]
+        for row in tuned.gains()
+    ]
+    units = ("position gain, 1/s", "speed gain, N m s/rad", "speed, Hz", "integral gain, 1/s")
+    head = ["motor", *(name for unit in units for name in (unit, "after"))]
+    errors = [
+        [
+            row["robot"],
+            *(
+                "failed" if row[f"{name}_{when}"] is None else 1e3 * row[f"{name}_{when}"]
+                for name in ("dynamic_error_max", "error_max")
+                for when in ("before", "after")
+            ),
+        ]
+        for row in tuned.errors()
+    ]
+    unit = f"m{tuned.run.unit}"
+    margins = {"before": tuned.start_margins, "after": tuned.margins}
+    required = tuned.required
+    saved = 100.0 * (1.0 - tuned.history[-1]) if tuned.history else 0.0
+    return "\n".join(
+        [
+            f"{tuned.run.model.name}, move {tuned.run.solution.move.name}: {tuned.status}, "
+            f"{tuned.evaluations} controllers, root mean square of the dynamic errors "
+            f"{number(saved)} % smaller",
+            "",
+            table(gains, head),
+            "",
+            table(
+                errors,
+                ("robot", f"dynamic error, {unit}", "after", f"error, {unit}", "after"),
+            ),
+            "",
+            margins_text(margins, "smallest margins of all robots and poses"),
+            f"required: {number(required['gain_db'])} dB, {number(required['phase_deg'])} deg",
+        ]
+    )
 
 
 def accuracy_text(found: PathAccuracy) -> str:

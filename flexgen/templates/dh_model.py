@@ -234,7 +234,8 @@ class _Writer:
     def _head(self, home: np.ndarray | None) -> list[str]:
         table = self.table
         about = f"{len(table.joints)} joints, from a table of {table.convention} DH parameters"
-        source = f"{Path(table.file).name}; numbers marked as ASSUMED: rules of flexgen"
+        note = "; numbers are assumed where the file says so" if self.assumed else ""
+        source = f"{Path(table.file).name}{note}"
         lines = [
             f'name = "{self.name}"',
             f"description = {toml(about)}",

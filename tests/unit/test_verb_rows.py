@@ -54,6 +54,21 @@ OPTIONS = {
     ("kinematics", "command"): "flexgen.tracker_positions",
     ("score", "scenario"): "the parameter is name",
     ("tune", "scenario"): "the parameter is name",
+    **{
+        ("tune", name): "of a model: flexgen.tune_cascade"
+        for name in (
+            "time_limit",
+            "move",
+            "plants",
+            "disturbances",
+            "sample_time",
+            "delay",
+            "encoder_noise",
+            "gain_margin_db",
+            "phase_margin_deg",
+        )
+    },
+    ("control", "no_compare"): "another function: flexgen.compare_feedforward",
     ("view", "robot"): "the parameter is model; MODEL is what is shown",
 }
 # Options with another name than the parameter, with the reason.

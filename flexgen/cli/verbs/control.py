@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import time
 from argparse import Namespace
 from dataclasses import replace
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.result import (
@@ -24,24 +26,46 @@ from flexgen.reports.text_tables import number, table
 if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
 
+ROBOTS = 8
+"""Robots that are drawn from the tolerances of a model for its tuning."""
+
+OF_MODELS = (
+    "time_limit",
+    "move",
+    "plants",
+    "disturbances",
+    "sample_time",
+    "delay",
+    "encoder_noise",
+    "gain_margin_db",
+    "phase_margin_deg",
+)
+"""Options of `tune` that are for models only."""
+
 
 def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ from it."""
     from flexgen.environment.disturbances import Disturbance
     from flexgen.loop.control import control as simulate
-    from flexgen.reports.control_texts import text_of_control
+    from flexgen.reports.control_texts import feedforward_text, text_of_control
 
     model = read_model(args)
-    run = simulate(
-        model,
-        disturbances=[Disturbance(**given) for given in args.disturbances or ()],
-        wall=wall_of(args),
+    acting = {
+        "disturbances": [Disturbance(**given) for given in args.disturbances or ()],
+        "wall": wall_of(args),
         **keywords(args, "disturbances", "wall"),
-        progress=throttle(log),
-    )
+    }
+    run = simulate(model, **acting, progress=throttle(log))
     margins = run.margins()
     data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
     text = text_of_control(run, margins)
+    if not args.no_compare and run.status == "done":
+        from flexgen.loop.feedforward import compare_feedforward
+
+        log("control: the same without feedforward, and with that of the rigid robot")
+        compared = compare_feedforward(run, acting, progress=throttle(log))
+        data["feedforward"] = compared.to_dict()
+        text += f"\n\n{feedforward_text(compared)}"
     if args.passivity:
         from flexgen.laws.passivity import check_passivity
 
@@ -87,15 +111,60 @@ def score(args: Namespace, log: Progress) -> VerbResult:
 
 
 def tune(args: Namespace, log: Progress) -> VerbResult:
-    """Tune a P-PI cascade with filters on the score of a benchmark; write it to a file."""
+    """Tune the P-PI cascade of a robot on its model set, or on the score of a benchmark."""
+    if not _is_benchmark(args.scenario):
+        return _tune_model(args, log)
     from flexgen.benchmarks.tune import tune as improve
 
+    alone(args, "a benchmark", *OF_MODELS)
     log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
     began = time.perf_counter()
     tuned = improve(args.scenario, **keywords(args), progress=throttle(log))
     text = f"{tuned}\n  {number(time.perf_counter() - began)} s\nwrote {tuned.save(args.out)}"
     data = tuned.to_dict() | {"controller": str(args.out)}
     return VerbResult(data, text, "" if tuned.score.accepted else "the tuned controller is refused")
+
+
+def _is_benchmark(name: str) -> bool:
+    """Whether a name is that of a benchmark, or of a .toml file that is not a model."""
+    from flexgen.benchmarks.scenario_file import NAMES
+
+    if str(name).partition("@")[0] in NAMES:
+        return True
+    path = FilePath(name)
+    if path.suffix != ".toml" or not path.is_file():
+        return False
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return not re.search(r"^\s*\[{1,2}\s*(element|urdf)\b", text, re.MULTILINE)
+
+
+def _tune_model(args: Namespace, log: Progress) -> VerbResult:
+    """The cascade of a model, on the robots of its tolerances or those that are given."""
+    from flexgen.benchmarks.tune_cascade import TUNED, tune_cascade
+    from flexgen.environment.disturbances import Disturbance
+    from flexgen.model.reader import read
+    from flexgen.reports.control_texts import tuning_text
+
+    alone(args, "a model", "starts", "workers")
+    model = read(args.scenario)
+    names = (*OF_MODELS, "controller", "evaluations", "seed")
+    given = {name: getattr(args, name) for name in names if name in args.given}
+    if "plants" in given:
+        given["plants"] = dict(given["plants"])
+    elif model.uncertainty is not None:
+        from flexgen.uncertainty.in_loop import draw_plants
+
+        given["plants"] = draw_plants(model, ROBOTS)
+    if "disturbances" in given:
+        given["disturbances"] = [Disturbance(**each) for each in given["disturbances"]]
+    tuned = tune_cascade(model, **given, progress=throttle(log))
+    data = tuned.to_dict() | {"controller": str(args.out)}
+    if not tuned.robust:
+        return VerbResult(data, tuning_text(tuned), "no controller with the margins was found")
+    text = f"{tuning_text(tuned)}\n\nwrote {tuned.save(args.out)}"
+    text += f"\nnext: flexgen control {args.scenario} --controller {args.out}"
+    problem = "" if tuned.status == TUNED else f"{tuned.status}: the best controller so far"
+    return VerbResult(data, text, problem, interrupted=tuned.status == "interrupted")
 
 
 def fastest(args: Namespace, log: Progress) -> VerbResult:
