@@ -43,6 +43,7 @@ OPTIONS = {
     ("identify", "validate"): "flexgen.fit_motion",
     ("identify", "move"): "IdentificationResult.verdict",
     ("identify", "truth"): "IdentificationResult.verdict",
+    ("control", "no_compare"): "another function: flexgen.compare_feedforward",
     ("control", "passivity"): "flexgen.check_passivity",
     ("fastest", "torque"): "a field of Limits",
     ("fastest", "speed"): "a field of Limits",
@@ -68,7 +69,6 @@ OPTIONS = {
             "phase_margin_deg",
         )
     },
-    ("control", "no_compare"): "another function: flexgen.compare_feedforward",
     ("view", "robot"): "the parameter is model; MODEL is what is shown",
 }
 # Options with another name than the parameter, with the reason.
@@ -77,6 +77,10 @@ WORDS = {
     ("control", "plants"): "one robot for each --plant",
     ("control", "disturbances"): "one for each --disturb",
     ("export fmu", "version"): "--version is of flexgen",
+    ("tune", "plants"): "one robot for each --plant",
+    ("tune", "disturbances"): "one for each --disturb",
+    ("tune", "gain_margin_db"): "the unit stands in the help",
+    ("tune", "phase_margin_deg"): "the unit stands in the help",
 }
 # Options whose value is another one than that of the parameter, with the reason.
 VALUES = {

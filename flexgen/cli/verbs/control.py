@@ -59,7 +59,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     margins = run.margins()
     data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
     text = text_of_control(run, margins)
-    if not args.no_compare and run.status == "done":
+    if args.compare is not False and run.status == "done":
         from flexgen.loop.feedforward import compare_feedforward
 
         log("control: the same without feedforward, and with that of the rigid robot")
