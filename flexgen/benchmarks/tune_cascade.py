@@ -1,8 +1,9 @@
-"""Tuning of the P-PI cascade of a robot on a set of robots, with a constraint on the stability margins.
+"""Tuning of the P-PI cascade of a robot on a set of robots, with required stability margins.
 
-The numbers of the cascade are changed in logarithms by the simplex method of Nelder and Mead: first a common factor for
-all position, speed and integral gains, then every number. The value is the root mean square over the robots of their
-largest dynamic errors. A controller without the margins, at any pose of any robot, is refused before it is simulated.
+The numbers of the cascade are changed in logarithms by the simplex method of Nelder and Mead: first
+a common factor for all position, speed and integral gains, then every number. The value is the root
+mean square over the robots of their largest dynamic errors. A controller without the margins, at
+any pose of any robot, is refused before it is simulated.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ PHASE_MARGIN_DEG = 30.0
 """Required lag [deg] of all motors together: the usual lower bound."""
 
 REFUSED = 100.0
-"""Value of a controller without the margins, in multiples of that of the start; more with the distance."""
+"""Value of a controller without the margins, in multiples of that of the start."""
 
 FIRST = 0.3
 """Size of the first simplex in the logarithms of the gains: 35 %."""
@@ -59,11 +60,12 @@ TUNED, OVER, INTERRUPTED = "tuned", "time limit", "interrupted"
 @checked_result
 @dataclass(frozen=True, repr=False)
 class CascadeTuning(Result):
-    """A tuned cascade: ``controller``, and its ``run`` of the robots; ``start``, ``start_run``: before.
+    """A tuned cascade: ``controller`` and its ``run``; before: ``start``, ``start_run``.
 
-    ``margins``, ``start_margins``: the smallest over all robots and poses; ``required``: ``gain_db``, ``phase_deg``.
-    ``inertias`` (n_m,) [kg m^2]: of the motors with stiff springs; ``status``: ``tuned``, ``time limit`` or
-    ``interrupted``; ``history``: best value so far, 1 for the start; ``evaluations``.
+    ``margins``, ``start_margins``: the smallest over all robots and poses; ``required``:
+    ``gain_db``, ``phase_deg``. ``inertias`` (n_m,) [kg m^2]: of the motors with stiff springs;
+    ``status``: ``tuned``, ``time limit`` or ``interrupted``; ``history``: best value so far, 1 for
+    the start; ``evaluations``.
 
     Examples
     --------
@@ -109,7 +111,7 @@ class CascadeTuning(Result):
         return rows
 
     def errors(self) -> list[dict[str, Any]]:
-        """For each robot: largest dynamic and whole errors before and after, of the unit of the run."""
+        """For each robot: largest dynamic and whole errors, before and after."""
         rows = []
         unit = self.run.unit
         for before, after in zip(self.start_run.runs, self.run.runs, strict=True):
@@ -170,7 +172,8 @@ def tune_cascade(
 ) -> CascadeTuning:
     """Tune the P-PI cascade of a robot for a move, on the model and robots that differ from it.
 
-    The feedforward is that of `flexgen.control`. All robots keep the margins at the begin, middle and end of the move.
+    The feedforward is that of `flexgen.control`. All robots keep the margins at the begin, middle
+    and end of the move.
 
     Parameters
     ----------
@@ -219,9 +222,16 @@ def tune_cascade(
     if time_limit is not None:
         check_not_negative("time_limit", time_limit)
     case = control_case(
-        model, move, sample_time=sample_time, delay=delay, plants=PLANTS if plants is None else plants,
-        disturbances=disturbances, encoder_noise=encoder_noise, seed=seed, progress=tell,
-    )  # fmt: skip
+        model,
+        move,
+        sample_time=sample_time,
+        delay=delay,
+        plants=PLANTS if plants is None else plants,
+        disturbances=disturbances,
+        encoder_noise=encoder_noise,
+        seed=seed,
+        progress=tell,
+    )
     start, _ = case_controller(case, controller)
     if not isinstance(start, Cascade) or not len(numbers_of(start)):
         raise ArgumentError(
@@ -351,7 +361,7 @@ class _Search:
         return value
 
     def _missing(self, cascade: Cascade) -> float:
-        """How far the worst loop is from the margins: eigenvalues beyond the unit circle; 0: it has them."""
+        """Excess of the largest eigenvalue of the worst loop over 1; 0: it has the margins."""
         factor = 10.0 ** (self.required["gain_db"] / 20.0)
         lag = self.required["phase_deg"]
         worst = 0.0

@@ -159,10 +159,10 @@ def _solve_assuming(
     solution: Solution | None,
     progress: Progress | None,
 ) -> Solution | None:
-    """The solution of a move by a method, with the force that the feedforward assumes; None: by default."""
+    """The solution of a move by a method and with an assumed force; None: by default."""
     if solution is not None and method != AUTO:
         raise ArgumentError(
-            f"method: given {method!r} with a solution, expected one of both: a solution has its own"
+            f"method: given {method!r} with a solution, which has its own, expected one of both"
         )
     if force is None and assumed is None:
         if method == AUTO:

@@ -28,8 +28,9 @@ KINDS = (("error", "error_max"), ("dynamic error", "dynamic_error_max"))
 class FeedforwardComparison(Result):
     """Runs of the same move that differ in the feedforward.
 
-    ``runs``: by ``none`` (feedback alone, which begins with the torque at rest), ``rigid`` (inverse dynamics of the
-    rigid robot) and ``elastic`` (that of `flexgen.control`); ``missing``: reasons why one is not there.
+    ``runs``: by ``none`` (feedback alone, which begins with the torque at rest), ``rigid`` (inverse
+    dynamics of the rigid robot) and ``elastic`` (that of `flexgen.control`); ``missing``: reasons
+    why one is not there.
 
     Examples
     --------
@@ -51,7 +52,7 @@ class FeedforwardComparison(Result):
         return self.runs["elastic"]
 
     def rows(self) -> list[dict[str, Any]]:
-        """Largest errors: ``robot``, ``what``, ``unit``, and a number for each feedforward; None where it failed."""
+        """Largest errors: ``robot``, ``what``, ``unit``, and each feedforward; None: failed."""
         out = []
         for k, robot in enumerate(self.elastic.runs):
             figures = {name: run.figures(run.runs[k]) for name, run in self.runs.items()}
@@ -80,15 +81,15 @@ def compare_feedforward(
 ) -> FeedforwardComparison:
     """Compare a closed loop with the same one without feedforward, and with that of a rigid robot.
 
-    Controller, robots, noise and reference of the tool are the same. The motors follow the reference of the rigid robot
-    in both other runs: without deflections.
+    Controller, robots, noise and reference of the tool are the same. In both other runs the motors
+    follow the reference of the rigid robot: without deflections.
 
     Parameters
     ----------
     run : ControlRun
     options : mapping, optional
-        The keyword arguments that `flexgen.control` was called with: ``plants``, ``disturbances``, ``delay``, ...;
-        sample time and delay are those of ``run``.
+        The keyword arguments that `flexgen.control` was called with: ``plants``, ``disturbances``,
+        ...; sample time and delay are those of ``run``.
     progress : callable or bool, optional
 
     Returns

@@ -73,10 +73,10 @@ class PPI:
     def speeds_in_use(
         self, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]
     ) -> np.ndarray:
-        """Bandwidths (n_m,) of the speed control of the motors [Hz], where sample time and delay cut them.
+        """Bandwidths (n_m,) of the speed control [Hz] in use, which sample time and delay cut.
 
-        ``speed_gain / (2 pi J)`` with the inertia J that a motor moves while all springs are stiff; parameters as of
-        `cascade`.
+        ``speed_gain / (2 pi J)`` with the inertia J that a motor moves while all springs are stiff;
+        parameters as of `cascade`.
         """
         stiff, _ = motor_inertias(model, motion)
         gain = self.cascade(model, late_s, motion).speed_gain

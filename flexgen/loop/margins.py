@@ -43,9 +43,10 @@ Arrays = Sequence[np.ndarray]
 class Margins(Result):
     """Margins of the loop at a pose.
 
-    ``stable``; ``largest_eigenvalue``: of the sampled loop; ``gain``: largest factor, ``delay_s``: largest delay more
-    [s], ``phase_deg``: largest lag of all motors together [deg]; infinite where none was found, zero for an unstable
-    loop. ``gain_hz``, ``phase_hz``: frequencies at which the loop oscillates at these margins [Hz]; NaN: none.
+    ``stable``; ``largest_eigenvalue``: of the sampled loop; ``gain``: largest factor, ``delay_s``:
+    largest delay more [s], ``phase_deg``: largest lag of all motors together [deg]; infinite where
+    none was found, zero for an unstable loop. ``gain_hz``, ``phase_hz``: frequencies at which the
+    loop oscillates at these margins [Hz]; NaN: none.
 
     Examples
     --------
@@ -66,7 +67,7 @@ class Margins(Result):
 
     @property
     def gain_db(self) -> float:
-        """The gain margin in dB; infinite where none was found, minus infinity for an unstable loop."""
+        """The gain margin in dB; infinite: none was found; minus infinity: unstable."""
         with np.errstate(divide="ignore"):
             return float(20.0 * np.log10(self.gain))
 
@@ -150,6 +151,8 @@ class LoopAtPose:
             delay_s,
         )
         self.late = late  # samples by which each signal is, None: 0
+        # the last one, by the delay that is added
+        self._plants: dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def __repr__(self) -> str:
         sizes = (
@@ -190,10 +193,13 @@ class LoopAtPose:
         return float(abs(np.angle(worst)) / (2.0 * np.pi * self.sample_s))
 
     def _plant(self, more_delay_s: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        m = self.model
-        return sampled_plant(
-            m.A, m.B, m.C, m.D, self.sample_s, self.delay_s + more_delay_s, self.late
-        )
+        if more_delay_s not in self._plants:
+            m = self.model
+            delay_s = self.delay_s + more_delay_s
+            self._plants = {
+                more_delay_s: sampled_plant(m.A, m.B, m.C, m.D, self.sample_s, delay_s, self.late)
+            }
+        return self._plants[more_delay_s]
 
     def margins(self) -> Margins:
         """Gain, phase and delay margin."""
@@ -264,7 +270,7 @@ def loops_at(
     samples: np.ndarray,
     poses: PoseModels | None = None,
 ) -> list[LoopAtPose]:
-    """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear.
+    """The linear loops at points of a motion (k, ...), its samples (k,); empty: not linear.
 
     ``poses``: of a robot that differs from the model.
     """

@@ -48,13 +48,14 @@ ADVICE = {
 DONE = "done"
 UNSTABLE = "unstable"
 GROWTH = 1e-6
-"""How much more than 1 an eigenvalue of the sampled loop must be to count as unstable: rounding is below it."""
+"""Excess over 1 of an eigenvalue of an unstable sampled loop: rounding is below it."""
 
 LAST_S = 0.1
-"""Time [s] at rest after the motion, at its begin and end, over which errors of the motors are compared."""
+"""Time [s] at the begin and end of the rest after the motion, to compare motor errors."""
 
 RUNAWAY, RUNAWAY_GROWTH = 0.1, 1.5
-"""A loop diverges where motors at rest are off by this part of their motion (and 1 rad), and still go on by this."""
+"""A loop diverges where motors at rest are off by this part of 1 rad and their motion, and the
+error still grows by this factor over the rest."""
 
 
 @checked_result
@@ -199,8 +200,9 @@ class ControlRun(Result):
     def unstable(self) -> dict[str, str]:
         """Robots whose loop is unstable, each with the reason; empty: none was found.
 
-        A linear loop is unstable where an eigenvalue at the begin, middle or end of the motion leaves the unit circle;
-        another one where the motion of its robot grows at rest, or is not finite.
+        A linear loop is unstable where an eigenvalue at the begin, middle or end of the motion
+        leaves the unit circle; another one where the motion of its robot grows at rest, or is not
+        finite.
         """
         if isinstance(self.law, FeedforwardOnly):
             return {}
@@ -214,8 +216,9 @@ class ControlRun(Result):
             poses = [name for name, size in largest.items() if size > 1.0 + GROWTH]
             if poses:
                 worst = max(largest.values())
+                where = ", ".join(poses)
                 found[run.name] = (
-                    f"the linear loop at {', '.join(poses)} of the motion has an eigenvalue of {worst:.5f}"
+                    f"the linear loop at {where} of the motion has an eigenvalue of {worst:.5f}"
                 )
             elif not loops and not run.failure and self._runs_away(run):
                 found[run.name] = "its motors go away at rest"
@@ -235,7 +238,7 @@ class ControlRun(Result):
 
     @property
     def status(self) -> str:
-        """``done``; ``unstable: ...`` with the first robot that is; ``failed: ...`` with the first that failed."""
+        """``done``; ``unstable: ...`` or ``failed: ...`` with the first such robot."""
         for name, reason in self.unstable.items():
             advice = ADVICE.get(self[name].failure, ADVICE[NOT_FINITE])
             return f"{UNSTABLE}: {name}: {reason}{advice}"

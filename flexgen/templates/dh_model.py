@@ -182,8 +182,8 @@ class _Writer:
             if motor.torque_max and largest > motor.torque_max:
                 self.warnings.append(
                     f"motor {motor.name}: gravity needs up to {largest:.3g} N m in the range "
-                    f"of the joints, torque_max is {motor.torque_max:.3g} N m; the torque is that of "
-                    "the motor, not of the joint; or a counterbalance is missing"
+                    f"of the joints, torque_max is {motor.torque_max:.3g} N m; the torque is that "
+                    "of the motor, not of the joint; or a counterbalance is missing"
                 )
 
     def _tool_positions(

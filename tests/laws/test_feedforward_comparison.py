@@ -1,4 +1,4 @@
-"""Closed loops: feedforwards side by side, margins by frequency responses, frequencies in use, unstable loops."""
+"""Closed loops: feedforwards side by side, margins, frequencies in use, unstable loops."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_a_feedforward_without_solution_is_named_with_its_reason(run):
 
 
 def test_margins_are_those_of_the_frequency_response(run):
-    """det(1 + g L) and det(1 + exp(-i phi) L) vanish at the stated frequencies: by the response, not by eigenvalues."""
+    """det(1 + g L) and det(1 + exp(-i phi) L) vanish at the stated frequencies."""
     for loop in run.loops().values():
         margins = loop.margins()
         assert margins.gain_db == pytest.approx(20.0 * np.log10(margins.gain))
@@ -98,7 +98,7 @@ def test_margins_of_an_unstable_loop_are_zero_and_json_has_no_infinity(run):
 
 @pytest.mark.parametrize("late, cut", [(0.0, False), (6e-3, True)])
 def test_the_printed_frequencies_are_those_of_the_gains_in_use(late, cut):
-    """speed gain / (2 pi J), with J of the linear equations at the start, in the name of the controller."""
+    """speed gain / (2 pi J), with J of the equations at the start, is in the name."""
     law = flexgen.PPI(position_hz=5.0, speed_hz=25.0, integral_hz=1.0)
     found = flexgen.control(MODEL, controller=law, delay=late, progress=False)
     stiff, _ = motor_inertias(found.model, found.reference.points(np.array([0])))
@@ -121,7 +121,7 @@ def test_a_loop_beyond_its_gain_margin_has_a_status_of_its_own(run, part, stable
 
 
 def test_a_robot_that_differs_is_unstable_by_its_own_linear_loop(run):
-    """A tenth of the stiffness in every spring: the model keeps its margin, the other robot does not."""
+    """2 % of the stiffness in every spring: the other robot counts by its own loop."""
     integral = 25.0 * run.law.integral_gain
     law = Cascade(4.0 * run.law.position_gain, run.law.speed_gain, integral)
     other = {"softer": {"stiffness": 0.02}}
@@ -149,7 +149,7 @@ def test_the_linear_loop_of_a_robot_is_that_of_its_own_model_file(run):
         PoseModels(soft).at(motion), other.controller, other.sample_s, other.delay_s, other.late
     )
     assert one == pytest.approx(pose.largest_eigenvalue(), rel=1e-9)
-    assert one != pytest.approx(run.loops()["begin"].largest_eigenvalue(), rel=1e-7)
+    assert abs(one - run.loops()["begin"].largest_eigenvalue()) > 1e-8
 
 
 def softened(model, factor):

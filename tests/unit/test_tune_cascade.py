@@ -1,4 +1,4 @@
-"""Tuning of the cascade of a robot: smaller errors, margins of all robots, time limit, files, the command line."""
+"""Tuning of the cascade of a robot: errors, margins of all robots, time limit, files."""
 
 from __future__ import annotations
 
