@@ -10,6 +10,8 @@ from flexgen.benchmarks.score import Score as Score
 from flexgen.benchmarks.score import score as score
 from flexgen.benchmarks.tune import TuningResult as TuningResult
 from flexgen.benchmarks.tune import tune as tune
+from flexgen.benchmarks.tune_cascade import CascadeTuning as CascadeTuning
+from flexgen.benchmarks.tune_cascade import tune_cascade as tune_cascade
 from flexgen.calibration.calibrate import calibrate as calibrate
 from flexgen.calibration.parameters import Priors as Priors
 from flexgen.calibration.poses import StaticPoses as StaticPoses
@@ -72,6 +74,8 @@ from flexgen.loop.comparison import compare as compare
 from flexgen.loop.control import control as control
 from flexgen.loop.controllers import Cascade as Cascade
 from flexgen.loop.controllers import Linear as Linear
+from flexgen.loop.feedforward import FeedforwardComparison as FeedforwardComparison
+from flexgen.loop.feedforward import compare_feedforward as compare_feedforward
 from flexgen.loop.gains import PID as PID
 from flexgen.loop.gains import PPI as PPI
 from flexgen.loop.hardware import DriveHardware as DriveHardware

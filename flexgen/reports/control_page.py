@@ -123,10 +123,21 @@ def _margins(run: ControlRun) -> str:
 
     rows = []
     for name, m in found.items():
-        margins = show(m.gain), show(1e3 * m.delay_s)
-        rows.append((name, "yes" if m.stable else "no", number(m.largest_eigenvalue, 5), *margins))
-    columns = ("pose", "stable", "largest eigenvalue", "gain margin, factor", "delay margin, ms")
-    return "<h2>Margins of the linear loop</h2>\n" + html_table(columns, rows, range(2, 5))
+        margins = (m.gain, m.gain_db, m.gain_hz, m.phase_deg, m.phase_hz, 1e3 * m.delay_s)
+        stable = "yes" if m.stable else "no"
+        rows.append((name, stable, number(m.largest_eigenvalue, 5), *map(show, margins)))
+    columns = (
+        "pose",
+        "stable",
+        "largest eigenvalue",
+        "gain margin, factor",
+        "dB",
+        "at Hz",
+        "phase margin, deg",
+        "at Hz",
+        "delay margin, ms",
+    )
+    return "<h2>Margins of the linear loop</h2>\n" + html_table(columns, rows, range(2, 9))
 
 
 def write_score(score: Score, directory: str | Path) -> Path:
