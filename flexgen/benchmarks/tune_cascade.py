@@ -216,7 +216,7 @@ def tune_cascade(
     'done'
     """
     tell = progress if callable(progress) else None
-    required = _required(gain_margin_db, phase_margin_deg)
+    required = _check_required(gain_margin_db, phase_margin_deg)
     if isinstance(evaluations, bool) or not 1 <= evaluations <= MOST:
         raise ArgumentError(f"evaluations: given {evaluations!r}, expected 1 to {MOST}")
     if time_limit is not None:
@@ -242,7 +242,7 @@ def tune_cascade(
     return search.result(status)
 
 
-def _required(gain_db: float, phase_deg: float) -> dict[str, float]:
+def _check_required(gain_db: float, phase_deg: float) -> dict[str, float]:
     for name, value, most in (
         ("gain_margin_db", gain_db, 40.0),
         ("phase_margin_deg", phase_deg, 170.0),
@@ -318,12 +318,12 @@ class _Search:
         """A factor for all position, speed and integral gains."""
         base = self.start
 
-        def changed(x: np.ndarray) -> Cascade:
+        def change(x: np.ndarray) -> Cascade:
             a, b, c = np.exp(np.clip(x, -10.0, 10.0))
             gains = base.position_gain * a, base.speed_gain * b, base.integral_gain * c
             return Cascade(*gains, base.filters, base.torque_max)
 
-        self._minimize(changed, np.zeros(3), int(COMMON * self.evaluations))
+        self._minimize(change, np.zeros(3), int(COMMON * self.evaluations))
 
     def _single(self) -> None:
         """Every number of the cascade, from the best one."""
@@ -332,14 +332,14 @@ class _Search:
         self._minimize(lambda x: with_numbers(base, x), numbers_of(base), left)
 
     def _minimize(
-        self, changed: Callable[[np.ndarray], Cascade], begin: np.ndarray, most: int
+        self, change: Callable[[np.ndarray], Cascade], begin: np.ndarray, most: int
     ) -> None:
         if most < 1:
             return
         simplex = np.vstack([begin, begin + FIRST * np.eye(len(begin))])
         options = {"maxfev": most, "initial_simplex": simplex, "xatol": 1e-2, "fatol": 1e-3}
         minimize(
-            lambda x: self._value(changed(x)),
+            lambda x: self._value(change(x)),
             begin,
             method="Nelder-Mead",
             options={**options, "adaptive": True},
@@ -351,7 +351,7 @@ class _Search:
         missing = self._missing(cascade)
         value = REFUSED * (1.0 + missing)
         if missing == 0.0:
-            value = self._simulated(cascade)
+            value = self._simulate(cascade)
         if value < self.least:
             self.best, self.least = cascade, value
         self.history.append(self.least)
@@ -373,7 +373,7 @@ class _Search:
                     worst = max(worst, 1e-6)
         return max(worst, 0.0)
 
-    def _simulated(self, cascade: Cascade) -> float:
+    def _simulate(self, cascade: Cascade) -> float:
         try:
             run = run_case(self.case, cascade, "trial")
         except OutOfTime:

@@ -281,15 +281,15 @@ def drive(row: Row, inertia: float) -> Drive:
     """Gear and motor of a joint whose arm has at most this inertia [kg m^2 or kg]."""
     ratio = _ratio(row)
     factor = abs(ratio.number)
-    rotor = Value(max(_rounded(inertia / factor**2), LEAST_ROTOR), AS_ARM)
+    rotor = Value(max(_round(inertia / factor**2), LEAST_ROTOR), AS_ARM)
     if "rotor_inertia" in row:
         rotor = Value(row.get("rotor_inertia"))
     behind = max(inertia, LIGHT * rotor.number * factor**2)
-    stiffness = Value(_rounded(behind * (2.0 * math.pi * FREQUENCY) ** 2), STIFF)
+    stiffness = Value(_round(behind * (2.0 * math.pi * FREQUENCY) ** 2), STIFF)
     if "gear_stiffness" in row:
         stiffness = Value(row.get("gear_stiffness"))
     critical = 2.0 * math.sqrt(stiffness.number * inertia)
-    damping = Value(_rounded(DAMPING_RATIO * critical), DAMPED)
+    damping = Value(_round(DAMPING_RATIO * critical), DAMPED)
     if "gear_damping" in row:
         damping = Value(row.get("gear_damping"))
     elif "damping_ratio" in row:
@@ -300,7 +300,7 @@ def drive(row: Row, inertia: float) -> Drive:
     return Drive(ratio, stiffness, damping, rotor, torque, speed, _friction(row, speed))
 
 
-def _rounded(value: float) -> float:
+def _round(value: float) -> float:
     """An assumed number has two digits."""
     return float(f"{value:.2g}")
 
@@ -333,5 +333,5 @@ def _friction(row: Row, speed: Value | None) -> dict[str, Value]:
         friction["beta"] = Value(row.get("beta"))
     elif friction.get("coulomb"):
         largest = USUAL_SPEED if speed is None else speed.number
-        friction["beta"] = Value(_rounded(1.0 / (SLOWEST_STEP * largest)), STEEP)
+        friction["beta"] = Value(_round(1.0 / (SLOWEST_STEP * largest)), STEEP)
     return friction

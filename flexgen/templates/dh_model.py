@@ -240,7 +240,7 @@ class _Writer:
             f'name = "{self.name}"',
             f"description = {toml(about)}",
             f"source = {toml(source)}",
-            _noted("gravity = [0, 0, -9.81]", "m/s^2, world axes; the base is upright"),
+            _annotate("gravity = [0, 0, -9.81]", "m/s^2, world axes; the base is upright"),
         ]
         pose = _middle(table) if home is None else home
         rotary = [row.rotary for row in table.joints]
@@ -248,7 +248,7 @@ class _Writer:
         given = all("home" in row for row in table.joints)
         origin = "of the table" if given else "chosen: far from singular poses and limits"
         unit = "deg" if all(rotary) else "deg, of translations m"
-        lines.append(_noted(f"home_deg = {_short(values)}", f"{unit}; {origin}"))
+        lines.append(_annotate(f"home_deg = {_short(values)}", f"{unit}; {origin}"))
         return [
             *lines,
             "",
@@ -310,7 +310,7 @@ class _Writer:
                 lines.append(_limit(key, row))
         if "joint_speed_max" in row:
             unit = "rad/s" if row.rotary else "m/s"
-            lines.append(_noted(f"speed_max = {exact(row.get('joint_speed_max'))}", unit))
+            lines.append(_annotate(f"speed_max = {exact(row.get('joint_speed_max'))}", unit))
         found = self.drives.get(name)
         if found is None:
             return [*lines, 'gear = { type = "rigid" }', ""]
@@ -368,9 +368,9 @@ class _Writer:
         """A line of the file; notes an assumed number."""
         text = f"{key} = {toml(value.value)}"
         if not value.origin:
-            return _noted(text, f"{unit}; {value.computed}" if value.computed else unit)
+            return _annotate(text, f"{unit}; {value.computed}" if value.computed else unit)
         self.assumed.append(f"{key} of {place}: {value.origin}")
-        return _noted(text, f"{unit}; ASSUMED: {value.origin}")
+        return _annotate(text, f"{unit}; ASSUMED: {value.origin}")
 
 
 def _middle(table: DhTable) -> np.ndarray:
@@ -383,7 +383,7 @@ def _middle(table: DhTable) -> np.ndarray:
     return np.array(pose)
 
 
-def _noted(text: str, note: str) -> str:
+def _annotate(text: str, note: str) -> str:
     return f"{text:<{COLUMN}} # {note}"
 
 
@@ -396,8 +396,8 @@ def _limit(key: str, row: Row) -> str:
     """A limit in degrees or m."""
     cell = row.cells[key]
     if not row.rotary:
-        return _noted(f"{key} = {exact(cell.value)}", "m")
-    return _noted(f"{key}_deg = {exact(angle_of(row, key, degrees=True))}", "deg")
+        return _annotate(f"{key} = {exact(cell.value)}", "m")
+    return _annotate(f"{key}_deg = {exact(angle_of(row, key, degrees=True))}", "deg")
 
 
 def _pose(pose: Pose) -> str:
@@ -411,7 +411,7 @@ def _tool_pose(poses: tuple[Pose, Pose]) -> list[str]:
     before, after = poses
     R = before.rotation
     p = np.array(before.position) + R @ np.array(after.position)
-    lines = [_noted(f"position = {toml(p)}", "m, frame of the last link")]
+    lines = [_annotate(f"position = {toml(p)}", "m, frame of the last link")]
     if before.empty or not any(before.rpy):
         key = "rpy_deg" if after.degrees else "rpy_rad"
         return [*lines, f"{key} = {toml(after.rpy)}"] if any(after.rpy) else lines
@@ -421,7 +421,7 @@ def _tool_pose(poses: tuple[Pose, Pose]) -> list[str]:
 def _output(axes: Sequence[int], robot: RobotModel) -> list[str]:
     """The lines of the table output."""
     if len(axes) == 6:
-        return [_noted('type = "tool_pose"', "position and orientation of the tool")]
+        return [_annotate('type = "tool_pose"', "position and orientation of the tool")]
     if axes:
         text = "".join("xyz"[i] for i in axes)
         return ['type = "tool_position"', f'axes = "{text}"']
@@ -439,25 +439,27 @@ def _move(kept: Kept, arm: Arm) -> list[str]:
         return _short([math.degrees(x) if a else x for x, a in zip(values, angles, strict=True)])
 
     lines = ["[[move]]", f'name = "{move.name}"', f'type = "{move.type}"']
-    lines.append(_noted(f"start_deg = {pose(move.start)}", unit))
+    lines.append(_annotate(f"start_deg = {pose(move.start)}", unit))
     if move.type == "tool_line":
         lines.append(
-            _noted(
+            _annotate(
                 f"displacement = {_short(move.displacement)}", "m, world axes: of the straight line"
             )
         )
     elif move.type == "tool_circle":
         lines += [
-            _noted(f"center = {_short(move.center)}", "m, world axes, from the tool at the start"),
+            _annotate(
+                f"center = {_short(move.center)}", "m, world axes, from the tool at the start"
+            ),
             f"axis = {_short(move.axis)}",
-            _noted("angle_deg = 360", "deg"),
+            _annotate("angle_deg = 360", "deg"),
         ]
     else:
-        lines.append(_noted(f"end_deg = {pose(move.end)}", unit))
-    lines.append(_noted(f"duration = {exact(move.duration)}", f"s; {kept.why}"))
+        lines.append(_annotate(f"end_deg = {pose(move.end)}", unit))
+    lines.append(_annotate(f"duration = {exact(move.duration)}", f"s; {kept.why}"))
     return [
         *lines,
-        _noted(f"smoothness = {move.smoothness}", "continuous derivatives of the path"),
+        _annotate(f"smoothness = {move.smoothness}", "continuous derivatives of the path"),
         "",
     ]
 

@@ -172,7 +172,7 @@ class Arm:
         limit = np.array([SWING[unit] for unit in self.units])
         if move.type != "joint" and (swing > limit).any():
             return None
-        return self._timed(move, q, v, a)
+        return self._choose_duration(move, q, v, a)
 
     def _joints(self, move: Move) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Actuated coordinates and their first two derivatives (n, n_g)."""
@@ -185,7 +185,9 @@ class Arm:
         v, a = kinematics.velocities(sample, q)
         return q, v, a
 
-    def _timed(self, move: Move, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> Kept | None:
+    def _choose_duration(
+        self, move: Move, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> Kept | None:
         """The shortest duration, in steps of 0.1 s, with a margin of speeds and torques."""
         speeds, why = self._speed_limits()
         accelerations = np.array([ACCELERATION[unit] for unit in self.units])
@@ -266,13 +268,13 @@ class Arm:
         start = tuple(map(float, home))
         for size in SIZES:
             for direction in self._directions():
-                length = self._rounded(size * self.reach)
+                length = self._round(size * self.reach)
                 displacement = tuple(float(x) for x in length * direction)
                 yield Move("line", "tool_line", start, 1.0, SMOOTHNESS, displacement)
 
     def _circles(self, home: np.ndarray, radius: float) -> Iterator[Move]:
         start = tuple(map(float, home))
-        size = self._rounded(radius)
+        size = self._round(radius)
         for part in (1.0, 0.5, 0.25):
             for one, other in combinations([i for i in range(3) if i in self._positions()], 2):
                 for sign in (1.0, -1.0):
@@ -312,7 +314,7 @@ class Arm:
         return [x / np.linalg.norm(x) for x in inside]
 
     @staticmethod
-    def _rounded(length: float) -> float:
+    def _round(length: float) -> float:
         """A length [m] of two digits."""
         return float(f"{length:.2g}")
 

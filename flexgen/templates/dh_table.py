@@ -305,7 +305,7 @@ class _Reader:
                 else ""
             )
             raise self.fail(line, column.name, repr(text), expected)
-        value = scaled(text, units[unit])
+        value = scale(text, units[unit])
         problem = _problem(column, value)
         if problem:
             raise self.fail(line, column.name, f"{text} {unit}".strip(), problem)
@@ -403,7 +403,7 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def scaled(text: str, factor: float) -> float:
+def scale(text: str, factor: float) -> float:
     """A number times the factor of its unit, rounded once: 93.4 mm are 0.0934 m."""
     return float(Decimal(text) * Decimal(repr(factor)))
 

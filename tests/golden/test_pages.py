@@ -36,6 +36,7 @@ from flexgen.errors import BuildError
 from flexgen.identification.result import FitStatus
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
+from flexgen.loop.margins import Margins
 from flexgen.mechanics.limits import Limits
 from flexgen.plots.canvas import apply_style
 from flexgen.reports import (
@@ -350,8 +351,8 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
 def loop_figures() -> dict[str, Any]:
     """What the page of a closed loop reads beyond its picture."""
     margins = {
-        "start": Made(stable=True, largest_eigenvalue=0.98765, gain=2.5, delay_s=1.5e-3),
-        "end": Made(stable=False, largest_eigenvalue=1.01, gain=np.inf, delay_s=np.inf),
+        "start": Margins(True, 0.98765, 2.5, 1.5e-3, 40.0, 55.0, 12.0),
+        "end": Margins(False, 1.01, np.inf, np.inf),
     }
     runs = [
         Made(

@@ -135,6 +135,7 @@ MOST = 8
 # functions take a record of options. Those of verbs are the options of the command line, see test_former_names.py.
 PARAMETERS = {
     "benchmarks/tune.py tune": 9,  # a verb
+    "benchmarks/tune_cascade.py tune_cascade": 14,  # a verb: the loop of the verb control
     "exports/fmu/export.py export_fmu": 12,  # a verb
     "exports/ros2/export.py export_ros2": 10,  # a verb
     # a verb; numbers and exponents of elements are what gears differ in
@@ -148,7 +149,7 @@ PARAMETERS = {
     # robots, drives and noise are given apart by five callers with other choices
     "loop/closed_loop.py __init__": 15,
     # a verb; two for the force that acts and the one that the feedforward assumes
-    "loop/control.py control": 17,
+    "loop/control.py control": 18,
     "loop/case.py control_case": 14,  # the options of the verb control but the controller
     "observers/constant_gain.py __init__": 9,  # a public class with keywords
     "observers/extended_kalman.py __init__": 9,  # a public class with keywords
