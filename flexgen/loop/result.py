@@ -14,6 +14,7 @@ from flexgen.accuracy.figures import BAND, PathAccuracy, path_accuracy
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution, format_size
 from flexgen.loop.closed_loop import NOT_FINITE, TOO_LONG
+from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.hysteresis import without_states
 from flexgen.loop.interface import Controller
@@ -491,6 +492,8 @@ class ControlRun(Result):
 
     def loops(self, robot: str = NOMINAL) -> dict[str, LoopAtPose]:
         """The linear loops of a robot at these poses; empty for a law that is not linear."""
+        if not isinstance(self.law, Cascade | Linear):
+            return {}
         samples = self.pose_samples
         at = np.array([*samples.values()])
         points = self.reference.points(at)

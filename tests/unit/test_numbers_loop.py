@@ -37,6 +37,7 @@ from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.margins import LoopAtPose, as_linear, state_rows
+from flexgen.loop.named_controllers import FeedforwardOnly
 from flexgen.loop.noises import Noises
 from flexgen.loop.plants import LocalDynamics, check_motion, plants_of
 from flexgen.loop.reference import MotionReference, time_grid
@@ -894,7 +895,7 @@ def run_of(**more: object) -> tuple[ControlRun, PlantRun]:
         "model": model,
         "solution": SimpleNamespace(move=SimpleNamespace(name="line", type="tool_line")),
         "controller": "mine",
-        "law": None,
+        "law": FeedforwardOnly(),
         "reference": reference,
         "hardware": DriveHardware(1e-3, 2.5e-4),
         "delay_samples": 2,

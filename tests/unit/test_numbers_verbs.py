@@ -138,7 +138,7 @@ def test_the_verbs_tune_and_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
     monkeypatch.setattr(tuning, "tune", lambda scenario, **given: Tuned())
     monkeypatch.setattr(control, "time", clock(1000.0, 1001.5, 2000.0, 2000.25))
-    args = arguments("tune", scenario="s", starts=3, evaluations=40, out="c.toml")
+    args = arguments("tune", scenario="four_mass", starts=3, evaluations=40, out="c.toml")
     answer = control.tune(args, lines.append)
     assert lines[0] == "tune: 120 evaluations, about two seconds each"
     assert answer.text == "tuned\n  1.5 s\nwrote c.toml" and answer.problem == ""
