@@ -949,9 +949,7 @@ def test_figures_of_a_run_by_hand() -> None:
     turned, other = run_of(turn=np.array([9.0, 0.1, 0.3, 0.2, 0.0, 0.0]))
     assert turned.figures(other)["turn_max_rad"] == turned.figures(other)["error_max_rad"] == 0.3
     failed, other = run_of(failure="not finite")
-    assert failed.status.startswith(
-        "failed: nominal: not finite: the loop is unstable; lower the gains"
-    )
+    assert failed.status.startswith("unstable: nominal: not finite; lower the gains")
     assert math.isnan(failed.figures(other)["error_max_m"])
     assert failed.figures(other)["error_max_rad"] is None and failed.worst is other
     assert failed.to_dict()["accuracy"] is None
