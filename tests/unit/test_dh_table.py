@@ -302,3 +302,33 @@ def test_the_command_line_writes_a_model(table, tmp_path, capsys):
     assert flexgen.read(out).name == "puma"
     assert main(["new", "x", "--convention", "standard", "--out", str(tmp_path / "x.toml")]) == 1
     assert "--convention: given without --dh" in capsys.readouterr().err
+
+
+SHAPES = {
+    "one rotation": ("R,300,0,0,0", "tool_position", 2),
+    "two rotations": ("R,300,0,0,0\nR,200,0,0,0", "tool_position", 3),
+    "plane with three": ("R,300,0,0,0\nR,200,0,0,0\nR,100,0,0,0", "combination", 1),
+    "gantry": ("T,0,-90,0,-90\nT,0,-90,0,-90\nT,0,0,0,0", "tool_position", 3),
+    "pedestal": ("fixed,0,0,500,0\nR,300,90,0,0\nR,200,0,0,0", "tool_position", 3),
+    "Stanford arm": (
+        "R,0,-90,400,0\nR,0,90,150,0\nT,0,0,300,-90\nR,0,-90,0,0\nR,0,90,0,0\nR,0,0,100,0",
+        "tool_pose",
+        3,
+    ),
+    "seven on a track": (
+        "T,0,90,300,0\nR,0,-90,340,0\nR,0,90,0,0\nR,0,90,400,0\nR,0,-90,0,0\nR,0,-90,400,0\n"
+        "R,0,90,0,0\nR,0,0,126,0",
+        "tool_pose",
+        3,
+    ),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_arms_of_other_shapes_get_an_output_and_moves_that_they_can_do(shape, made):
+    rows, output, moves = SHAPES[shape]
+    model, path = made(f"type,a [mm],alpha [deg],d [mm],theta [deg]\n{rows}", "standard")
+    robot = flexgen.read(path)
+    assert (robot.output.type, len(model.moves)) == (output, moves) and not model.warnings
+    found = flexgen.check(robot)
+    assert not found.errors and all("move" not in each.key for each in found.warnings)
