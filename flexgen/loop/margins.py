@@ -54,7 +54,7 @@ class Margins(Result):
     >>> margins.stable, f"gain {margins.gain:.1f}, delay {1e3 * margins.delay_s:.1f} ms"
     (True, 'gain 7.1, delay 2.1 ms')
     >>> f"{margins.gain_db:.1f} dB, {margins.phase_deg:.0f} deg"
-    '17.0 dB, 64 deg'
+    '17.0 dB, 58 deg'
     """
 
     stable: bool
