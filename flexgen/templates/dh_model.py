@@ -32,7 +32,7 @@ from flexgen.templates.dh_arm import (
     payload,
     placements,
 )
-from flexgen.templates.dh_moves import Arm, Kept, choose_axes, draw_poses
+from flexgen.templates.dh_moves import ANGLE, Arm, Kept, choose_axes, draw_poses
 from flexgen.templates.dh_table import DhTable, Row, likely_convention, read_dh
 
 POSES = 200
@@ -423,7 +423,10 @@ def _output(axes: Sequence[int], robot: RobotModel) -> list[str]:
     if len(axes) == 6:
         return [_annotate('type = "tool_pose"', "position and orientation of the tool")]
     if axes:
-        text = "".join("xyz"[i] for i in axes)
+        text = "".join("xyz"[i] for i in axes if i < 3)
+        if 5 in axes:
+            turning = _annotate("rotation_axis = [0, 0, 1]", "world axes: the tool stays upright")
+            return [f'type = "{ANGLE}"', f'axes = "{text}"', turning]
         return ['type = "tool_position"', f'axes = "{text}"']
     names = [robot.coordinates[i].name for i in robot.i_g]
     return ['type = "joint"', f"joints = {toml(names)}"]

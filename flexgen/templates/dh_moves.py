@@ -12,6 +12,7 @@ import numpy as np
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Coordinate, RobotModel
+from flexgen.model.format_tasks import TOOL
 from flexgen.model.moves import Move
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.joint_limits import InverseKinematics, beyond_range
@@ -59,6 +60,13 @@ ACCELERATION = {"rad": 12.0, "m": 4.0}
 LONGEST = 20.0
 """Duration [s] beyond which a move is left out: its motors hardly hold the arm."""
 
+DEXTEROUS = 1e-3
+"""Median of the smallest singular value below which rows of the Jacobian are no output."""
+
+UPRIGHT = 1e-9
+"""Angular velocity [rad/rad, rad/m] across the vertical below which a tool stays upright: rounding."""
+
+ANGLE = "tool_position_angle"
 SMOOTHNESS = 5
 INSTANTS = 129
 
@@ -320,14 +328,32 @@ class Arm:
 
 
 def choose_axes(equations: Equations) -> list[int]:
-    """Rows of the Jacobian that n joints determine: a pose or positions; none: the joints."""
+    """Rows of the Jacobian that n joints determine: a pose or positions; none: the joints.
+
+    A tool that only turns about the vertical has its positions and that angle (row 5), where the
+    reader of model files knows such an output.
+    """
     robot = equations.model
-    if robot.n_g >= 6:
-        sets: list[tuple[int, ...]] = [tuple(range(6))]
-    elif robot.n_g <= 3:
-        sets = list(combinations(range(3), robot.n_g))
-    else:
-        return []
+    number = robot.n_g
     poses = draw_poses(robot, CANDIDATES // 10)
+    sets: list[tuple[int, ...]] = []
+    if number >= 6:
+        sets = [tuple(range(6))]
+    elif number <= 3:
+        sets = list(combinations(range(3), number))
+    found = _best_axes(equations, sets, poses)
+    if found or not 3 <= number <= 4 or ANGLE not in TOOL:
+        return found
+    tilt = Arm(equations, (3, 4)).jacobians(poses)
+    if np.abs(tilt).max() > UPRIGHT:
+        return []
+    turning = [(*positions, 5) for positions in combinations(range(3), number - 1)]
+    return _best_axes(equations, turning, poses)
+
+
+def _best_axes(
+    equations: Equations, sets: Sequence[tuple[int, ...]], poses: np.ndarray
+) -> list[int]:
+    """The rows of largest dexterity; none: all are singular."""
     best = [float(np.median(Arm(equations, axes).dexterity(poses))) for axes in sets]
-    return list(sets[int(np.argmax(best))]) if max(best) > 1e-3 else []
+    return list(sets[int(np.argmax(best))]) if best and max(best) > DEXTEROUS else []

@@ -12,6 +12,7 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, FileError, FlexgenError
+from flexgen.model.format_tasks import TOOL
 from flexgen.templates.dh_model import model_from_dh
 from flexgen.templates.dh_table import likely_convention, read_dh
 
@@ -304,10 +305,18 @@ def test_the_command_line_writes_a_model(table, tmp_path, capsys):
     assert "--convention: given without --dh" in capsys.readouterr().err
 
 
+# output and number of moves of a tool that only turns about the vertical
+UPRIGHT = ("tool_position_angle", 3) if "tool_position_angle" in TOOL else ("combination", 1)
 SHAPES = {
     "one rotation": ("R,300,0,0,0", "tool_position", 2),
     "two rotations": ("R,300,0,0,0\nR,200,0,0,0", "tool_position", 3),
-    "plane with three": ("R,300,0,0,0\nR,200,0,0,0\nR,100,0,0,0", "combination", 1),
+    "plane with three": ("R,300,0,0,0\nR,200,0,0,0\nR,100,0,0,0", *UPRIGHT),
+    "SCARA": ("R,300,0,400,0\nR,250,180,0,0\nT,0,0,50,0\nR,0,0,60,0", *UPRIGHT),
+    "five axes": (
+        "R,0,-90,300,0\nR,400,0,0,-90\nR,300,0,0,0\nR,0,-90,0,-90\nR,0,0,100,0",
+        "combination",
+        1,
+    ),
     "gantry": ("T,0,-90,0,-90\nT,0,-90,0,-90\nT,0,0,0,0", "tool_position", 3),
     "pedestal": ("fixed,0,0,500,0\nR,300,90,0,0\nR,200,0,0,0", "tool_position", 3),
     "Stanford arm": (
