@@ -64,7 +64,7 @@ DEXTEROUS = 1e-3
 """Median of the smallest singular value below which rows of the Jacobian are no output."""
 
 UPRIGHT = 1e-9
-"""Angular velocity [rad/rad, rad/m] across the vertical below which a tool stays upright: rounding."""
+"""Angular velocity [rad/rad, rad/m] across the vertical of an upright tool: rounding."""
 
 ANGLE = "tool_position_angle"
 SMOOTHNESS = 5
