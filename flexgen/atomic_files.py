@@ -99,14 +99,17 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
 def check_writable(path: Path | None, *, folder: bool = False) -> None:
     """Check that an output path can be written, before a long computation starts.
 
+    A file is made in the folder and removed again: rights alone do not show a disk that cannot be
+    written.
+
     Raises
     ------
     ArgumentError
-        It is a directory but a file is expected, or the reverse.
+        It is a directory but a file is expected, or the reverse; or its folder cannot be written.
     """
     if path is None:
         return
-    follow_links(path)
+    target = follow_links(path)
     if not folder and path.is_dir():
         raise ArgumentError(
             f"output: given {str(path)!r}, which is a directory, expected a file name"
@@ -118,6 +121,17 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
         raise ArgumentError(
             f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory"
         )
+    if not folder and target.exists() and not target.is_file():  # a device or a pipe
+        return
+    place = ancestor if folder else target.parent
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    trial = place / f"{FILE}{secrets.token_hex(8)}"
+    try:
+        trial.touch(exist_ok=False)
+        trial.unlink()
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
 def follow_links(path: str | Path) -> Path:

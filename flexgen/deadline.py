@@ -3,6 +3,11 @@
 `running` begins a time limit; `check_time` within it raises `OutOfTime` when the time is over, and KeyboardInterrupt
 after Ctrl-C, also where a library in C++ has caught that exception and reported a failure. Outside of `running` there
 is no limit.
+
+`fitting` is `running` for a fit, whose best step so far is its result. Until a first step is known (`best_known`) the
+end of the time and Ctrl-C end the call. From then on they end the searches (`searching`) only, and what computes the
+result from the best step runs to its end; a second Ctrl-C ends the call. `is_over` says that what is left can be
+left out, `reason_of_end` why the result is not the end of the search.
 """
 
 from __future__ import annotations
@@ -11,14 +16,23 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-from flexgen.errors import FlexgenError
+from flexgen.errors import ArgumentError, FlexgenError
 
 UNLIMITED = 1e10  # s
+
+# Steps that searches of fits usually take, for an estimate of their time.
+FEW_STEPS, MOST_STEPS = 5, 20
+# Time [s] of a search from which on an estimate is told.
+LONG = 3.0
+
+# Reasons why a fit ended before its search did, as in texts and JSON.
+TIME_LIMIT = "time limit"
+INTERRUPTED = "interrupted"
 
 
 class OutOfTime(FlexgenError):
@@ -36,6 +50,14 @@ class Deadline:
 
     def __init__(self, seconds: float) -> None:
         self.seconds, self.interrupted = seconds, False
+        # Of a fit: whether it has a step that can be its result, how many searches are under way, and why they ended.
+        self.is_of_fit = False
+        self.best_known = False
+        self.tell: Callable[[str], None] | None = None
+        # The fit within which this one runs: Ctrl-C may have been recorded there.
+        self.outer: Deadline | None = None
+        self.searches = 0
+        self.ended = ""
         self._end = time.perf_counter() + seconds
 
     @property
@@ -43,13 +65,20 @@ class Deadline:
         """Time left [s], negative when it is over; infinity without a limit."""
         return self._end - time.perf_counter()
 
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether Ctrl-C was pressed, in this call or in the fit around it."""
+        return self.interrupted or (self.outer is not None and self.outer.is_interrupted)
+
     def extend(self, seconds: float) -> None:
         """Move the end of the time limit."""
         self._end += seconds
 
     def check(self, stage: str) -> None:
         """Raise OutOfTime or KeyboardInterrupt if the stage has to end."""
-        if self.interrupted:
+        if self.ended or (self.best_known and not self.searches):
+            return
+        if self.is_interrupted:
             raise KeyboardInterrupt
         if time.perf_counter() > self._end:
             raise OutOfTime(stage)
@@ -71,6 +100,102 @@ def running(seconds: float | None) -> Iterator[Deadline]:
             yield deadline
     finally:
         _current.reset(token)
+
+
+@contextmanager
+def fitting(
+    name: str, seconds: float | None, tell: Callable[[str], None] | None = None
+) -> Iterator[Deadline]:
+    """Within: the time limit [s] of a fit, whose searches end with their best step; None or 0: unlimited.
+
+    ``tell`` gets a line with an estimate of the time after the first step.
+
+    Raises
+    ------
+    ArgumentError
+        The time limit is negative or no number.
+    OutOfTime
+        The time was over before the first step of the search.
+    """
+    if isinstance(seconds, bool) or not (seconds is None or 0.0 <= seconds < math.inf):
+        raise ArgumentError(
+            f"time_limit: given {seconds!r}, expected a time >= 0 in s; None or 0: no limit"
+        )
+    try:
+        outer = _current.get()
+        with running(seconds or None) as deadline:
+            deadline.is_of_fit = True
+            deadline.tell = tell
+            if outer is not None and outer.is_of_fit:
+                deadline.outer = outer
+            yield deadline
+        if outer is not None and outer.is_of_fit:
+            outer.interrupted |= deadline.interrupted
+            outer.ended = outer.ended or deadline.ended
+    except OutOfTime as error:
+        if not seconds or deadline.seconds < seconds:  # the limit of another call
+            raise
+        raise OutOfTime(
+            f"{name}: the time limit of {seconds:g} s was over before the first step ({error}); allow more with "
+            "--time-limit SECONDS (time_limit=)"
+        ) from None
+
+
+def best_known(step_s: float = 0.0) -> None:
+    """From now on the fit under way has a result: the end of the time and Ctrl-C end its searches only.
+
+    ``step_s`` [s]: that the first step took, from which the time of a search is estimated.
+    """
+    deadline = _current.get()
+    if deadline is None or not deadline.is_of_fit:
+        return
+    if not deadline.best_known and deadline.tell is not None and step_s * MOST_STEPS > LONG:
+        low, high = FEW_STEPS * step_s, MOST_STEPS * step_s
+        limit = f"; limit {deadline.seconds:g} s" if deadline.seconds < UNLIMITED else ""
+        deadline.tell(
+            f"a step takes {step_s:.2g} s, a search of {FEW_STEPS} to {MOST_STEPS} steps about {low:.2g} to "
+            f"{high:.2g} s{limit}"
+        )
+    deadline.best_known = True
+
+
+@contextmanager
+def searching() -> Iterator[None]:
+    """Within: a search of a fit, whose best step so far is kept where the end of the time or Ctrl-C ends it.
+
+    Outside of a fit, and before its first step is known, these errors pass.
+    """
+    deadline = _current.get()
+    if deadline is None:
+        yield
+        return
+    deadline.searches += 1
+    try:
+        yield
+    except (OutOfTime, KeyboardInterrupt) as error:
+        if not deadline.best_known:
+            raise
+        is_time = isinstance(error, OutOfTime) and not deadline.is_interrupted
+        deadline.ended = deadline.ended or (TIME_LIMIT if is_time else INTERRUPTED)
+    finally:
+        deadline.searches -= 1
+
+
+def is_over() -> bool:
+    """Whether a search ended early, or has to: what a fit can do without is left out."""
+    return bool(reason_of_end())
+
+
+def reason_of_end() -> str:
+    """`TIME_LIMIT` or `INTERRUPTED` where the fit under way has to end, or ended; else an empty text."""
+    deadline = _current.get()
+    if deadline is None or not deadline.is_of_fit:
+        return ""
+    if deadline.ended:
+        return deadline.ended
+    if deadline.is_interrupted:
+        return INTERRUPTED
+    return TIME_LIMIT if deadline.left < 0.0 else ""
 
 
 @contextmanager
@@ -107,6 +232,9 @@ def interrupts_recorded(deadline: Deadline) -> Iterator[None]:
         return
 
     def record(number: int, frame: Any) -> None:
+        if deadline.best_known and not deadline.interrupted:  # the searches end at their next step
+            deadline.interrupted = True
+            return
         try:
             handler(number, frame)
         except KeyboardInterrupt:

@@ -33,6 +33,9 @@ SHARED = """
 @time
     time_limit SECONDS not_negative old=--time: time limit of each solve [s]: then, or after Ctrl-C, it ends with the
         best solution so far (exit status 1, or 130); default: {default}; 0: no limit
+@fit_time
+    time_limit SECONDS not_negative: time limit [s]: then, or after Ctrl-C, it ends with the best step so far, which is
+        printed and written (exit status 1, or 130); default: no limit
 @report
     report DIR: write a self-contained HTML report to DIR
 @page
@@ -248,6 +251,8 @@ identify MODEL | identify:identify | identify
             the torque of its motor; may be repeated
         segments S positive: fit the nonlinear model to recorded motions, in segments of this length [s]
         validate DATA: with --rigid or --segments: recordings that are not fitted
+    time
+        @fit_time
     check
         move NAME: also print the tool error of feedforward in this move, before and after
         truth MODEL: with --move: the true robot of a simulated experiment; default: robots drawn from the covariance of
@@ -267,6 +272,8 @@ calibrate MODEL | calibration:calibrate | calibrate
         folds N whole_0: parts of the poses that are left out in turn, for the error on poses that were not fitted;
             default: {default}; 0: none
         no_robust: plain least squares: gross errors keep their weight
+    time
+        @fit_time
     files
         add_poses N whole_1: print N further poses whose measurement tells most
         world in=robot/measurement: world of the new model file: that of the robot (default) or of the measurement
@@ -321,6 +328,8 @@ identify-servo MODEL | | identify_servo
         servo FILE text: where the search begins: ppi (proposed gains) or a .toml file; default: that of the model
             file
         interpolation in=linear/cubic/hold: of the robot between two positions; default: {default}
+    time
+        @fit_time
     files
         @page
         out FILE toml_file: write the servo to this file (.toml)

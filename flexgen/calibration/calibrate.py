@@ -22,6 +22,7 @@ from flexgen.calibration.poses import StaticPoses
 from flexgen.calibration.result import Calibration
 from flexgen.calibration.statics import Numbers, Statics
 from flexgen.calibration.tree import Tree
+from flexgen.deadline import fitting, is_over, reason_of_end, searching
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import refuse_harmonics
@@ -46,6 +47,7 @@ def calibrate(
     priors: Priors | None = None,
     folds: int = 5,
     robust: bool = True,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> Calibration:
     """Calibrate a model with static poses: where trackers were measured at commanded joints.
@@ -71,6 +73,9 @@ def calibrate(
         Parts of the poses that are left out in turn to measure the error on poses that were not fitted; 0: none.
     robust : bool
         Huber's loss, which limits the weight of gross errors; False: plain least squares.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or 0:
+        unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -105,17 +110,23 @@ def calibrate(
     data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot)
     _check(robot, data, len(trackers), folds)
     unknowns = unknowns_of(tree, free, place, priors or Priors())
-    study = _Study(Statics(tree, data.commands), data.positions, unknowns, robust)
-    found = find_start(study.statics, data, place, tell)
-    frames = unknowns_of(tree, (), place, priors or Priors())
-    known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
-    before = fit(
-        Problem(study.statics, data.positions, frames, robust), np.array(list(known.values()))
-    )
-    result, accuracy, tilt = study.fit(
-        np.array([known.get(u.name, u.start) for u in unknowns]), tell
-    )
-    held_out, seen = study.cross_validate(result, tilt, folds, tell) if folds else (None, None)
+    with fitting("calibrate", time_limit, tell):
+        study = _Study(Statics(tree, data.commands), data.positions, unknowns, robust)
+        found = find_start(study.statics, data, place, tell)
+        frames = unknowns_of(tree, (), place, priors or Priors())
+        known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
+        before = fit(
+            Problem(study.statics, data.positions, frames, robust), np.array(list(known.values()))
+        )
+        result, accuracy, tilt = study.fit(
+            np.array([known.get(u.name, u.start) for u in unknowns]), tell
+        )
+        reason = reason_of_end()
+        checked = folds > 0 and not reason
+        held_out, seen = None, None
+        if checked:
+            with searching():
+                held_out, seen = study.cross_validate(result, tilt, folds, tell)
     stiff = study.statics.rest(Numbers.of(tree, unknowns, result.x), rigid=True)
     return Calibration(
         robot,
@@ -129,9 +140,10 @@ def calibrate(
         seen,
         np.linalg.norm(result.rest.points - stiff.points, axis=2),
         tilt,
-        result.converged,
+        result.converged and not reason,
         _warn_unexplained(result, data.positions)
         + _warnings(unknowns, result, accuracy.pull, held_out),
+        reason,
     )
 
 
@@ -157,7 +169,7 @@ class _Study:
         problem = Problem(statics, measured, unknowns, self.robust)
         found = fit(problem, start, progress=tell)
         tilt = self._tilt(found)
-        if tilt is None:
+        if tilt is None or is_over():
             return found, accuracy_of(problem, found), None
         problem = Problem(
             statics,
@@ -184,8 +196,8 @@ class _Study:
 
     def cross_validate(
         self, whole: Minimum, tilt: Tilt | None, folds: int, tell: Callable[[str], None] | None
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Errors on poses that were left out, alone and with the other trackers of the pose seen."""
+    ) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Errors on poses left out, alone and with the other trackers of the pose; None: ended."""
         order = np.random.default_rng(0).permutation(len(self.measured))
         errors = np.full(self.measured.shape[:2], np.nan)
         seen = None if tilt is None else errors.copy()
@@ -199,6 +211,8 @@ class _Study:
             problem = Problem(
                 self.statics.among(kept), self.measured[kept], self.unknowns, self.robust, inner
             )
+            if is_over():
+                return None, None
             one = fit(problem, whole.x, whole.rest.near.among(kept), whole.damping)
             numbers, others = problem.numbers(one.x), self.statics.among(left_out)
             rest = others.rest(numbers, whole.rest.near.among(left_out))

@@ -17,7 +17,7 @@ import numpy as np
 
 from flexgen.calibration.parameters import Unknown
 from flexgen.calibration.statics import Near, Numbers, Rest, Statics
-from flexgen.deadline import check_time
+from flexgen.deadline import best_known, check_time, is_over, searching
 from flexgen.errors import SolverError
 
 TUNING = 2.5  # k of Huber's function: 2.5 standard deviations of one axis
@@ -197,37 +197,41 @@ def fit(
     """
     x, converged, straight = np.maximum(start.astype(float), problem.lower), False, True
     rest, gap, lengths = problem.evaluate(x, near)
-    for count in range(STEPS):
-        check_time("calibrate")
-        scale = problem.scale(lengths)
-        if progress is not None:
-            progress(f"step {count}: mean error {1e3 * lengths[problem.valid].mean():.3f} mm")
-        slopes = problem.slopes(x, rest, gap, scale)
-        matrix = slopes.A + np.diag(problem.precision)
-        before = problem.objective(x, gap, scale)
-        after, given = np.inf, damping
-        while damping < MOST_DAMPING:
-            damped = matrix + damping * np.diag(np.diag(matrix))
-            try:
-                step = _bounded_step(damped, slopes.whole, problem.lower - x)
-                there = x + (step if straight else _bent_step(problem, x, slopes, damped, step))
-                trial = problem.evaluate(there, slopes.near)
-                after = problem.objective(there, trial[1], scale)
-            except SolverError:
-                after = np.inf
-            if after <= before:
+    best_known()
+    with searching():
+        for count in range(STEPS):
+            if is_over():
                 break
-            damping, straight = 10.0 * damping, False
-        if not after <= before:
-            converged = True  # no step along the slope lowers the objective: rounding
-            break
-        step = there - x
-        planned = -(2.0 * slopes.whole @ step + step @ matrix @ step)
-        straight = damping == given and before - after > AS_PLANNED * planned
-        x, (rest, gap, lengths), damping = there, trial, max(damping / 10.0, LEAST_DAMPING)
-        if before - after < SMALL_GAIN * before + LEAST_GAIN:
-            converged = True
-            break
+            check_time("calibrate")
+            scale = problem.scale(lengths)
+            if progress is not None:
+                progress(f"step {count}: mean error {1e3 * lengths[problem.valid].mean():.3f} mm")
+            slopes = problem.slopes(x, rest, gap, scale)
+            matrix = slopes.A + np.diag(problem.precision)
+            before = problem.objective(x, gap, scale)
+            after, given = np.inf, damping
+            while damping < MOST_DAMPING:
+                damped = matrix + damping * np.diag(np.diag(matrix))
+                try:
+                    step = _bounded_step(damped, slopes.whole, problem.lower - x)
+                    there = x + (step if straight else _bent_step(problem, x, slopes, damped, step))
+                    trial = problem.evaluate(there, slopes.near)
+                    after = problem.objective(there, trial[1], scale)
+                except SolverError:
+                    after = np.inf
+                if after <= before:
+                    break
+                damping, straight = 10.0 * damping, False
+            if not after <= before:
+                converged = True  # no step along the slope lowers the objective: rounding
+                break
+            step = there - x
+            planned = -(2.0 * slopes.whole @ step + step @ matrix @ step)
+            straight = damping == given and before - after > AS_PLANNED * planned
+            x, (rest, gap, lengths), damping = there, trial, max(damping / 10.0, LEAST_DAMPING)
+            if before - after < SMALL_GAIN * before + LEAST_GAIN:
+                converged = True
+                break
     errors = np.where(problem.valid, lengths, np.nan)
     return Minimum(x, rest, gap, errors, problem.scale(lengths), converged, damping)
 

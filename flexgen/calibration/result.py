@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.atomic_files import write_text
 from flexgen.calibration.components import Tilt
 from flexgen.calibration.model_file import VARIANT, changes_of
 from flexgen.calibration.parameters import FRAME, Unknown
@@ -19,14 +18,35 @@ from flexgen.counts import count_of
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.model.new_file import text_of_model, write_model_text
 from flexgen.model.reader import read
 from flexgen.results import Result
 from flexgen.spec.arguments import seed_of
-from flexgen.spec.variants import add_variant
+from flexgen.spec.variants import with_variant
 from flexgen.type_checks import checked_result
 
 CANDIDATES = 300  # random poses from which new ones are chosen
 DETERMINED = 0.3  # of the prior's standard deviation: below it, the measurements determine a number
+
+
+def write_calibrated(
+    path: str | Path, model: RobotModel, changes: dict[str, Any], source: str, dry: bool = False
+) -> Path:
+    """Write the model file with a further variant `VARIANT`; ``dry``: only check.
+
+    Raises
+    ------
+    ArgumentError
+        The model has no file, or one with this variant.
+    """
+    text, folder = text_of_model(model.file)
+    new = with_variant(text, Path(model.file).name, VARIANT, changes, source, model.variant)
+    return write_model_text(path, new, folder, VARIANT, dry=dry)
+
+
+def check_written(path: str | Path, model: RobotModel) -> None:
+    """Check before a fit that `Calibration.write` can write the new model file; errors as there."""
+    write_calibrated(path, model, {}, "check", dry=True)
 
 
 @checked_result
@@ -56,6 +76,9 @@ class Calibration(Result):
         What changes from pose to pose and moves several trackers together.
     converged : bool
     warnings : tuple of str
+    ended : str
+        ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the numbers are
+        those of its best step. Else empty.
 
     Examples
     --------
@@ -81,6 +104,7 @@ class Calibration(Result):
     tilt: Tilt | None
     converged: bool
     warnings: tuple[str, ...]
+    ended: str = ""
 
     def __repr__(self) -> str:
         return f"<Calibration {self.nominal.title}: {self.sentence}>"
@@ -96,8 +120,9 @@ class Calibration(Result):
             if held is None
             else f", {1e3 * np.nanmean(held):.3g} mm on poses that were not fitted"
         )
+        early = f"{self.ended}, best step of the search: " if self.ended else ""
         return (
-            f"{len(self.poses)} poses, {len(self.unknowns)} numbers; "
+            f"{early}{len(self.poses)} poses, {len(self.unknowns)} numbers; "
             f"mean error {1e3 * np.nanmean(self.errors_before):.3g} mm before, "
             f"{1e3 * np.nanmean(self.errors):.3g} mm after{proof}"
         )
@@ -105,6 +130,8 @@ class Calibration(Result):
     @property
     def problem(self) -> str:
         """Why the result cannot be used; empty where it can."""
+        if self.ended:
+            return f"{self.ended}: the numbers are those of the best step of the search"
         return (
             ""
             if self.converged
@@ -249,11 +276,7 @@ class Calibration(Result):
             self.nominal, self._numbers, self.frame if world == "measurement" else None
         )
         source = f"{self.poses.source}: {self.sentence}"
-        text = add_variant(self.nominal.file, VARIANT, changes, source, self.nominal.variant)
-        target = Path(path)
-        if target.suffix != ".toml":
-            raise ArgumentError(f"path: given {str(path)!r}, expected a name that ends in .toml")
-        return write_text(target, text)
+        return write_calibrated(path, self.nominal, changes, source)
 
     def to_dict(self) -> dict[str, Any]:
         """Figures and numbers as JSON types."""
@@ -277,6 +300,7 @@ class Calibration(Result):
                 "units": {u.name: u.unit for u in self.unknowns},
                 "determined": self.determined,
                 "warnings": list(self.warnings),
+                "ended": self.ended,
             }
         )
 

@@ -224,12 +224,12 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
             if isinstance(error, SolverError) or is_numerical(error)
             else ""
         )
-    if unlimited.interrupted:
+    interrupted = unlimited.interrupted or (result is not None and result.interrupted)
+    if interrupted:
         result = result if result is not None and result.interrupted else None
-        problem, status = (
-            "interrupted" + ("; the result is the best so far" if result is not None else ""),
-            INTERRUPTED,
-        )
+        reached = "; the result is the best so far" if result is not None else ""
+        unwritten = f"; {problem}" if result is not None and result.unwritten else ""
+        problem, status = f"interrupted{reached}{unwritten}", INTERRUPTED
     for warning in result.warnings if result is not None else ():
         messages.report(f"flexgen: warning: {warning}")
     if result is not None:

@@ -8,12 +8,15 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import flexgen
 from flexgen.atomic_files import check_writable
-from flexgen.errors import ArgumentError
+from flexgen.deadline import INTERRUPTED
+from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.verb_parameters import defaults_of
 
 if TYPE_CHECKING:
@@ -23,6 +26,16 @@ if TYPE_CHECKING:
     from flexgen.results import Result
 
 Progress = Callable[[str], None]  # prints a progress message
+Writer = Callable[[], Path]  # writes a file of a result and returns its path
+# By the public function of a verb that fits: the endings of the files that its result can be
+# written to, and the function that checks before the fit that a model file can have its numbers.
+WRITERS = {
+    "identify_load": ((".json", ".npz"), ""),
+    "identify_servo": ((".toml", ".json"), ""),
+    "identify_gears": ((".toml", ".json", ".npz"), "flexgen.gears.result:check_written"),
+    "identify": ((".toml",), "flexgen.identification.result:check_written"),
+    "calibrate": ((".toml",), "flexgen.calibration.result:check_written"),
+}
 
 
 @dataclass
@@ -31,7 +44,8 @@ class VerbResult:
 
     ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a failure, else empty;
     ``warnings``: messages for standard error; ``details``: more text, for ``--verbose``; ``interrupted``: Ctrl-C ended
-    the computation, and the result is what was reached; ``failure``: the exit status with a problem.
+    the computation, and the result is what was reached; ``unwritten``: a file could not be written;
+    ``failure``: the exit status with a problem.
     """
 
     data: dict[str, Any]
@@ -41,6 +55,7 @@ class VerbResult:
     details: str = ""
     interrupted: bool = False
     failure: int = 1
+    unwritten: bool = False
 
 
 def keywords(args: Namespace, *without: str) -> dict[str, Any]:
@@ -109,6 +124,28 @@ def check_outputs(args: Namespace) -> None:
                 check_report(path)
 
 
+def check_model_file(args: Namespace, *given: Any) -> None:
+    """Check before a fit that its result can be written to ``--out``: the name, and the new model file.
+
+    Raises
+    ------
+    ArgumentError, ModelError
+        The name has another ending, or the file of the model cannot have the numbers.
+    """
+    out = getattr(args, "out", None)
+    checks = WRITERS.get(args.row.function)
+    if out is None or checks is None:
+        return
+    endings, place = checks
+    if out.suffix not in endings:
+        raise ArgumentError(
+            f"--out: given {str(out)!r}, expected a name that ends in {' or '.join(endings)}"
+        )
+    if place and out.suffix == ".toml" and given:
+        module, _, name = place.partition(":")
+        getattr(import_module(module), name)(out, *given)
+
+
 def check_own(path: Path | None, mark: bytes) -> None:
     """Refuse to replace a text file that flexgen did not write; ``mark``: what its own have in their first lines."""
     if path is None or not path.is_file():
@@ -132,29 +169,50 @@ def alone(args: Namespace, option: str, *others: str) -> None:
         )
 
 
-def written(args: Namespace, result: Result) -> dict[str, Path | None]:
-    """Write a result to ``--out`` and its report to ``--report``, where given: the paths by their names in JSON."""
-    data: dict[str, Path | None] = {}
+def written(args: Namespace, result: Result) -> dict[str, Writer | None]:
+    """The writers of a result to ``--out`` and ``--report``, where given, by the names in JSON."""
+    data: dict[str, Writer | None] = {}
     for option in args.row.sections.get("files", ()):
         if option.name == "out":
             key = "trajectory" if option.kind == "trajectory_file" else "out"
-            data[key] = None if args.out is None else result.save(args.out)
+            data[key] = None if args.out is None else partial(result.save, args.out)
     if getattr(args, "report", None) is not None:
-        data["report"] = result.report(args.report)
+        data["report"] = partial(result.report, args.report)
     return data
+
+
+def is_interrupted(result: Any) -> bool:
+    """Whether Ctrl-C ended the search of a fit."""
+    return INTERRUPTED in (str(getattr(result, "status", "")), getattr(result, "ended", ""))
 
 
 def with_files(
     text: str,
     data: Mapping[str, Any],
-    files: Mapping[str, Path | None],
+    files: Mapping[str, Path | Writer | None],
     problem: str = "",
     **more: Any,
 ) -> VerbResult:
-    """The result of a verb that wrote files: their paths are in the data, and a line each below the text."""
-    lines = "\n".join(f"wrote {path}" for path in files.values() if path is not None)
-    paths = {key: None if path is None else str(path) for key, path in files.items()}
-    return VerbResult({**data, **paths}, f"{text}\n\n{lines}" if lines else text, problem, **more)
+    """The result of a verb with files: their paths are in the data, and a line each below the text.
+
+    ``files``: paths, or functions that write a file and return its path. Where one cannot be written, the result has
+    the reason as a problem, and everything else is printed.
+    """
+    paths: dict[str, Path | None] = {}
+    failures: list[str] = []
+    for key, file in files.items():
+        try:
+            paths[key] = file() if callable(file) else file
+        except (FlexgenError, OSError) as error:
+            failures.append(f"{key.replace('_', ' ')} not written: {error}")
+        except KeyboardInterrupt:
+            failures.append(f"{key.replace('_', ' ')} not written: interrupted")
+            more["interrupted"] = True
+    lines = "\n".join(f"wrote {path}" for path in paths.values() if path is not None)
+    named = {key: None if paths.get(key) is None else str(paths[key]) for key in files}
+    whole = "; ".join(filter(None, [problem, *failures]))
+    more["unwritten"] = bool(failures)
+    return VerbResult({**data, **named}, f"{text}\n\n{lines}" if lines else text, whole, **more)
 
 
 def check_report(directory: Path | None) -> None:

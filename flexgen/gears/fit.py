@@ -31,6 +31,7 @@ from scipy.signal.windows import tukey
 from scipy.stats import chi2
 
 from flexgen.analysis.rests_of_motors import MOVING
+from flexgen.deadline import check_time, is_over, searching
 from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import DrivenArm, MotorMotion, Sought
 from flexgen.gears.motor_friction import MotorFriction
@@ -40,7 +41,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.motor_harmonics import friction_along
 from flexgen.mechanics.parameters import with_values
-from flexgen.numerics.trust_region import Sums, minimize
+from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.spec.memory import SHARPEST
 
 STEP = 1e-3  # of differences in numbers over their values at the start, and lost motions
@@ -170,6 +171,7 @@ class GearModel:
         self, numbers: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
     ) -> list[np.ndarray]:
         """The same of the arm alone, for its numbers."""
+        check_time("identify_gears")
         q_m = motion.samples[0, : self.n_m]
         starts = np.array([self.arm.rest(q_m, p) if start is None else start for p in numbers])
         found = self._simulate(np.array(numbers), motion, starts)
@@ -383,24 +385,41 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
             count=model.measured.size,
         )
         theta = fit.x
+        if is_over():
+            return _best_step(model, fit, white)
         model.take_out_step_errors(theta)
         white = Whitening(model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1])
         dropped = _drop(model, theta, lower, upper)
         if fit.wrong or (not dropped and close != CLOSE[0]):
             break
-    for n, draws in enumerate((*DRAWS, *DRAWS[-1:] * MORE), 1):
-        tell(f"subtracting the part of the noise: step {n}")
-        model.take_out_step_errors(theta)
-        error, change, covariance = _correct(model, theta, white, lower < upper, draws)
-        here = theta[: model.parts]
-        theta = theta - change
-        # never negative
-        theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))
-        theta = np.clip(theta, lower, upper)
-        size = float((np.abs(change) / np.maximum(np.sqrt(np.diag(covariance)), 1e-300)).max())
-        if n >= len(DRAWS) and size <= SMALL:
-            break
-    return Estimate(theta, covariance, error, fit.converged and size <= SETTLED)
+    found: Estimate | None = None
+    with searching():
+        for n, draws in enumerate((*DRAWS, *DRAWS[-1:] * MORE), 1):
+            tell(f"subtracting the part of the noise: step {n}")
+            model.take_out_step_errors(theta)
+            error, change, covariance = _correct(model, theta, white, lower < upper, draws)
+            here = theta[: model.parts]
+            theta = theta - change
+            # never negative
+            theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))
+            theta = np.clip(theta, lower, upper)
+            deviations = np.sqrt(np.diag(covariance))
+            size = float((np.abs(change) / np.maximum(deviations, 1e-300)).max())
+            found = Estimate(theta, covariance, error, fit.converged and size <= SETTLED)
+            if n >= len(DRAWS) and size <= SMALL:
+                break
+    return _best_step(model, fit, white) if found is None else found
+
+
+def _best_step(model: GearModel, fit: Fit, white: Whitening) -> Estimate:
+    """The estimate of a search that was ended: without the correction for noise, with the formal covariance."""
+    error = model.torques([fit.x], model.motion)[0] - model.measured
+    free = np.diag(fit.A) > 0.0
+    inner = np.ix_(free, free)
+    covariance = np.diag(np.where(free, 0.0, FREE**2))
+    degrees = max(error.size - int(free.sum()), 1)
+    covariance[inner] = np.linalg.pinv(fit.A[inner], hermitian=True) * (fit.cost / degrees)
+    return Estimate(fit.x, covariance, error, False)
 
 
 def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:

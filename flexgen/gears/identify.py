@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import show_value
+from flexgen.deadline import fitting, is_over, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import ARCMIN, Element, Sought
 from flexgen.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, estimate
@@ -38,9 +39,11 @@ NOISE, LEAST = 1.5, 5e-4
 EXCESS = 3.0  # the same in a band of frequencies
 # times the band: where noise hides a gear, the model agrees in a narrower one
 NARROWER = (0.6, 0.36)
+# Statuses after which narrower bands show nothing more.
+ENDS = (GearStatus.FITTED, GearStatus.NOISE)
 
 
-@checked_types(own=("band_hz", "harmonics", "cogging"))
+@checked_types(own=("band_hz", "harmonics", "cogging", "time_limit"))
 @reported("identify_gears")
 def identify_gears(
     model: str | FilePath | RobotModel,
@@ -55,6 +58,7 @@ def identify_gears(
     free: Sequence[str] | None = None,
     band_hz: float | None = None,
     columns: Sequence[str] | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> GearFit:
     """Identify hysteresis, transmission errors and cogging from a record of motor angles and torques.
@@ -92,6 +96,9 @@ def identify_gears(
     columns : sequence of str, optional
         Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or
         with a unit).
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far, with the status "time limit" or "interrupted"; 0: no
+        limit.
     progress : callable or bool, optional
 
     Returns
@@ -141,21 +148,20 @@ def identify_gears(
         model = GearModel(equations, sought, signals)
         return _result(robot, fitted, model, _estimate(model, tell))
 
-    result = fit(signals_of(data, robot.n_m, band_hz))
-    final = (
-        band_hz is not None
-        or result.lacking
-        or result.status in (GearStatus.FITTED, GearStatus.NOISE)
-    )
-    if not final:
-        result = _in_narrower_bands(result, lambda hz: fit(signals_of(data, robot.n_m, hz)), tell)
+    with fitting("identify_gears", time_limit, tell):
+        result = fit(signals_of(data, robot.n_m, band_hz))
+        final = band_hz is not None or result.lacking or result.status in ENDS or is_over()
+        if not final:
+            result = _in_narrower_bands(
+                result, lambda hz: fit(signals_of(data, robot.n_m, hz)), tell
+            )
     return replace(result, notes=read.notes) if read.notes else result
 
 
 def _estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
     """The estimate, again without what friction does at standstill where motors have some."""
     found = estimate(model, tell)
-    if not model.take_out_standstill(found):
+    if is_over() or not model.take_out_standstill(found):
         return found
     tell("leaving out what friction does at standstill")
     return estimate(model, tell)
@@ -182,6 +188,8 @@ def _in_narrower_bands(
         try:
             agrees = fit(band).status is GearStatus.FITTED
         except ArgumentError:  # the record is too short for it
+            break
+        if is_over():
             break
         if agrees:
             return replace(result, status=GearStatus.NOISE)
@@ -264,9 +272,9 @@ def _result(
         fit.measured.std(axis=0),
     )
     finite = bool(np.isfinite(found.covariance).all())
-    excess = fit.excess(
-        found.theta, found.error, found.covariance if finite else np.zeros_like(found.covariance)
-    )
+    reason = reason_of_end()
+    known = found.covariance if finite else np.zeros_like(found.covariance)
+    excess = np.ones((2, robot.n_m)) if reason else fit.excess(found.theta, found.error, known)
     status = GearStatus.FITTED
     if not found.converged or not finite:
         status = GearStatus.NOT_CONVERGED
@@ -275,6 +283,7 @@ def _result(
     elif status is GearStatus.FITTED and (excess[0] > EXCESS).any():
         # what is left may be the errors of numbers that the noise lets determine poorly
         status = GearStatus.NOISE
+    status = GearStatus.of_value(reason) if reason else status
     lacking = gears_that_lack_elements(fit, found) if status is GearStatus.FITTED else ()
     numbers = _Numbers(robot, fitted, fit, found)
     return GearFit(

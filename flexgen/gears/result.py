@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.atomic_files import write_text
 from flexgen.display import Figure, figure_rows, plain
 from flexgen.model.elements import RobotModel
+from flexgen.model.new_file import text_of_model, write_model_text
 from flexgen.model.reader import read
 from flexgen.results import Result
-from flexgen.spec.explained_status import ExplainedStatus
-from flexgen.spec.variants import add_variant
+from flexgen.spec.explained_status import OUT_OF_TIME, STOPPED, ExplainedStatus
+from flexgen.spec.variants import with_variant
 from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation over a number, above which the record does not determine it
@@ -53,6 +52,8 @@ class GearStatus(ExplainedStatus):
         "noise of the angles hides a gear, or an error of the model.",
         "Do not use the numbers; record a longer or a larger motion, or angles with less noise.",
     )
+    TIME_LIMIT = OUT_OF_TIME
+    INTERRUPTED = STOPPED
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,30 @@ class Number:
     unit: str
     change: tuple[str, str, int]
     determined: bool
+
+
+def write_gears(
+    path: str | Path,
+    robot: RobotModel,
+    changes: Mapping[str, Any],
+    description: str,
+    dry: bool = False,
+) -> Path:
+    """Write the model file with the changes as a further variant `VARIANT`; ``dry``: only check.
+
+    Raises
+    ------
+    ArgumentError
+        The model has no file, or one with this variant.
+    """
+    text, folder = text_of_model(robot.file)
+    new = with_variant(text, Path(robot.file).name, VARIANT, changes, description, robot.variant)
+    return write_model_text(path, new, folder, VARIANT, dry=dry)
+
+
+def check_written(path: str | Path, robot: RobotModel) -> None:
+    """Check before a fit that `GearFit.save` can write the new model file; errors as there."""
+    write_gears(path, robot, {}, "check", dry=True)
 
 
 @checked_result
@@ -219,10 +244,7 @@ class GearFit(Result):
         if Path(path).suffix != ".toml":
             return super().save(path)
         description = f"gears identified from motor angles and torques: {self.status}"
-        text = add_variant(self.robot.file, VARIANT, self.changes, description, self.robot.variant)
-        with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
-            read(write_text(Path(folder) / "model.toml", text), VARIANT)
-        return write_text(Path(path), text)
+        return write_gears(path, self.robot, self.changes, description)
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures in SI units, for tables."""

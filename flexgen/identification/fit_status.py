@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexgen.spec.explained_status import ExplainedStatus
+from flexgen.spec.explained_status import OUT_OF_TIME, STOPPED, ExplainedStatus
 
 
 class FitStatus(ExplainedStatus):
@@ -48,6 +48,14 @@ class FitStatus(ExplainedStatus):
         "Do not use the values; begin nearer to the truth, fix parameters that are weak, or take more starts.",
     )
 
+    TIME_LIMIT = OUT_OF_TIME
+    INTERRUPTED = STOPPED
+
+    @property
+    def ended_early(self) -> bool:
+        """Whether the search was ended from outside, by the time limit or by Ctrl-C."""
+        return self in (FitStatus.TIME_LIMIT, FitStatus.INTERRUPTED)
+
     @property
     def agrees(self) -> bool:
         """Whether the new model file can be used."""
@@ -61,3 +69,8 @@ class FitStatus(ExplainedStatus):
         and where the search did not end.
         """
         return self in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
+
+
+def status_of_end(status: FitStatus, reason: str) -> FitStatus:
+    """The status of a fit, or that of a search which `flexgen.deadline.reason_of_end` says was ended from outside."""
+    return FitStatus.of_value(reason) if reason else status

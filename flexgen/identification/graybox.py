@@ -16,10 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.counts import STARTS, count_of, show_value
+from flexgen.deadline import fitting, is_over, reason_of_end, searching
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.causes.explain import Cause, explain, hidden_causes
 from flexgen.identification.causes.levels import compare_levels
 from flexgen.identification.experiments.plan import default_free
+from flexgen.identification.fit_status import status_of_end
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.motion_correction import correct_responses, find_shift, obstacle
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
@@ -62,6 +64,7 @@ def identify(
     seed: int = 0,
     source: str = "",
     levels: Sequence[Frf] = (),
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> IdentificationResult:
     """Fit parameters of a model to frequency responses.
@@ -94,6 +97,9 @@ def identify(
         Responses of the same experiment with other amplitudes, such as a third: the result's ``amplitude`` tells
         whether the robot is nonlinear, and whether hysteresis, backlash, a stiffness that rises with the deflection or
         Coulomb friction, which the model lacks, explains it.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or ``interrupted``.
+        None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -122,12 +128,14 @@ def identify(
     vector = ParameterVector(
         robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties
     )
-    found = _fit(vector, data, residual, structured, floor, (starts, spread, seed), tell)
-    tested = None
-    if levels:
-        tested = compare_levels(
-            Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels
-        )
+    with fitting("identify", time_limit, tell):
+        found = _fit(vector, data, residual, structured, floor, (starts, spread, seed), tell)
+        tested = None
+        if levels and not is_over():
+            with searching():
+                tested = compare_levels(
+                    Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels
+                )
     return replace(found, source=source, amplitude=tested)
 
 
@@ -159,33 +167,40 @@ def _fit(
     if residuals.local.springs:
         for _ in range(AVERAGINGS):
             residuals.average_springs(best.x)
+            if is_over():
+                break
             best = _search(vector, residuals, best.x)
     measured, unsure = data, 0.0
-    if not obstacle(data):
+    if not obstacle(data) and not is_over():
         if tell is not None:
             tell("correction for large motions")
         data, unsure = correct_responses(residuals, best.x)
         residuals = residuals.on(data, floor or 0.0)
         best = _search(vector, residuals, best.x)
     error = floor or 0.0
-    if floor is None and best.cost > COST_MOST * degrees:
+    if floor is None and best.cost > COST_MOST * degrees and not is_over():
         left = residuals.find_unexplained(best.x)
         error, residuals, best = _with_model_error(vector, data, residuals, best, degrees, tell)
         error = left if error <= SMALL_ERROR < left else error
     explained = (
         data.total is None and error == 0.0 and COST_LEAST <= best.cost / degrees <= COST_MOST
     )
-    if structured and explained and residual == "nls":
+    if structured and explained and residual == "nls" and not is_over():
         residuals, best, left = _with_structure(vector, data, residuals, best, degrees)
         error = (
             left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
         )
     cost = best.cost / degrees
-    status = _status(best, cost, error, data)
+    status = status_of_end(_status(best, cost, error, data), reason_of_end())
     causes: tuple[Cause, ...] = ()
-    if floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE:
+    explicable = floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE
+    if explicable and not is_over():
         fitted = status is FitStatus.FITTED
-        causes = hidden_causes(residuals, best.x) if fitted else explain(residuals.on(data), best.x)
+        with searching():
+            causes = (
+                hidden_causes(residuals, best.x) if fitted else explain(residuals.on(data), best.x)
+            )
+        causes = () if is_over() else causes  # of a part of the causes one may seem the best
         status = FitStatus.MODEL_ERROR if fitted and causes else status
     covariance = residuals.covariance(best.x, best.A)
     if unsure:
@@ -243,6 +258,8 @@ def _with_structure(
     """
     polish, fit = Residuals(vector, data, deflection_sd=residuals.deflection_sd), best
     for _ in range(POLISHES):  # the levels of the noise depend on the responses
+        if is_over():
+            return residuals, best, residuals.find_unexplained(best.x)
         polish.use_structure(fit.x)
         fit = _search(vector, polish, fit.x)
     misfit, left = (
@@ -272,12 +289,15 @@ def _searches(
 ) -> list[Fit]:
     """The search from the start values, and others from random ones; those without an equilibrium are left out."""
     rng = np.random.default_rng(seed)
-    fits, reason = [], None
+    fits: list[Fit] = []
+    reason: SolverError | None = None
     for k in range(starts):
         away = rng.uniform(-1, 1, len(vector)) * np.log(spread) if k else np.zeros(len(vector))
         log = np.array([u.scale == "log" for u in vector.unknowns])
         if tell is not None:
             tell(f"start {k + 1} of {starts}")
+        if fits and is_over():
+            break
         try:
             fits.append(_search(vector, residuals, vector.start + np.where(log, away, 0.0)))
         except SolverError as error:
@@ -315,6 +335,8 @@ def _with_model_error(
     best = _search(vector, residuals, best.x)
     error = high
     for k in range(REWEIGHTINGS):
+        if is_over():
+            break
         difference = np.abs(residuals.response(best.x).G - data.G) ** 2
         extra = np.maximum(over_lines(difference - noise, NEIGHBORS), 0.0)
         error = float(np.sqrt(np.median(extra / size)))

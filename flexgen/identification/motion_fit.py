@@ -26,8 +26,10 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from flexgen.analysis.response_inputs import Drive
+from flexgen.deadline import fitting, is_over, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.experiment import largest_rate
+from flexgen.identification.fit_status import status_of_end
 from flexgen.identification.graybox import SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import DELAY, ParameterVector, is_of_sensor
@@ -365,6 +367,7 @@ def fit_motion(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     priors: Mapping[str, float] | None = None,
     validate: str | Path | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> MotionFit:
     """Fit parameters of a model to recorded torques and motions.
@@ -381,6 +384,9 @@ def fit_motion(
         Length of the segments: some periods of the lowest resonance.
     validate : str or Path, optional
         A description of recordings that are not fitted.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or ``interrupted``.
+        None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -415,8 +421,11 @@ def fit_motion(
             "free: given the delay of a sensor, which frequency responses can show: take 'flexgen frf' and 'identify' "
             "without --segments, and state it as delay_s of the [[sensor]]"
         )
-    shooting = _Shooting(vector, data, segment_s)
-    fit = _minimize(shooting, vector, progress if callable(progress) else None)
+    tell = progress if callable(progress) else None
+    with fitting("fit_motion", time_limit, tell):
+        shooting = _Shooting(vector, data, segment_s)
+        fit = _minimize(shooting, vector, tell)
+        reason = reason_of_end()
     r, J = shooting.parts(fit.x)
     prior = np.diag(vector.prior_sd**-2.0)
     inverse = np.linalg.inv(fit.A + prior)
@@ -429,8 +438,8 @@ def fit_motion(
     )
     rms = np.sqrt((errors**2).mean(axis=(0, 1)))
     held_out: tuple[float, ...] = ()
-    status = _status(fit, percent, white)
-    if validate is not None:
+    status = status_of_end(_status(fit, percent, white), reason)
+    if validate is not None and not reason:
         held_out, held_out_rms = _validate(vector, fit.x, validate, segment_s, shooting.sd)
         if status.agrees and _fails(percent, held_out, held_out_rms / rms):
             status = FitStatus.POORLY_VALIDATED
@@ -458,6 +467,8 @@ def _minimize(
     """The fit; the deviations of the outputs follow from the residuals of the last one."""
     x, fit = vector.start, None
     for k in range(ROUNDS):
+        if fit is not None and is_over():
+            break
         if tell is not None:
             tell(f"fit {k + 1} of {ROUNDS}: {len(shooting.starts)} segments")
         # residuals are as large as their deviations: the prior holds what they cannot show

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-import tempfile
-from collections.abc import Iterable, Mapping
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexgen.atomic_files import write_text
 from flexgen.counts import show_value
 from flexgen.deprecation import warn_of_old
 from flexgen.display import plain
@@ -31,16 +30,19 @@ from flexgen.identification.parameters import (
 from flexgen.loop.robustness import ControlName
 from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import read
+from flexgen.model.new_file import text_of_model, write_model_text
+from flexgen.model.overlay_keys import overlay_key
 from flexgen.progress import Choice
 from flexgen.registry import find_function
 from flexgen.results import Result
 from flexgen.spec.number_edit import with_numbers
-from flexgen.spec.tables import parse_file
+from flexgen.spec.variants import with_variant
 from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
 TIME_DOMAIN = "time domain"  # weights of a result of `refine`
+# Name of the variant of an overlay that sets identified numbers for which the overlay has no key.
+IDENTIFIED = "identified"
 
 
 def with_coulomb(model: RobotModel) -> tuple[str, ...]:
@@ -177,18 +179,25 @@ class Estimated(Result):
         note = "" if self.status.has_deviations else f"{self.status}, no standard deviations"
         sd = {name: value for name, value in self.sd.items() if value is not None}
         values = self.used() | self.sensor_delays
-        written = write_model(
-            path, self.vector.model, values, sd, self.source, model_file, note=note
+        return write_model(
+            path,
+            self.vector.model,
+            values,
+            sd,
+            self.source,
+            model_file,
+            note=note,
+            finish=self._with_uncertainty,
         )
+
+    def _with_uncertainty(self, text: str) -> str:
+        """The text of the new model file with the table ``[uncertainty]``."""
         if self.covariance is None:
-            return written
+            return text
         names, covariance = self._relative_covariance(self.covariance)
-        text = written.read_text(encoding="utf-8")
-        return (
-            write_text(written, find_function("Estimated.uncertainty")(text, names, covariance))
-            if names
-            else written
-        )
+        if not names:
+            return text
+        return str(find_function("Estimated.uncertainty")(text, names, covariance))
 
     def _relative_covariance(self, covariance: np.ndarray) -> tuple[list[str], np.ndarray]:
         """Names of the numbers of the model, tied ones too, and the covariance of their relative errors."""
@@ -341,8 +350,13 @@ def write_model(
     model_file: str | Path | None = None,
     head: str = "",
     note: str = "",
+    finish: Callable[[str], str] | None = None,
+    dry: bool = False,
 ) -> Path:
     """Write a model file: the text of the old one with the values of some parameters and their standard deviations.
+
+    Relative paths in the file, of samples and of a URDF file, lead to the same files from the new folder. The numbers
+    of an overlay are those that it states; where it has no key for one, all of them are in its variant `IDENTIFIED`.
 
     Parameters
     ----------
@@ -358,34 +372,58 @@ def write_model(
         Lines of comments for the beginning.
     note : str
         First line, instead of the place of the standard deviations.
+    finish : callable, optional
+        Changes the text; not where the numbers are in a variant.
+    dry : bool
+        Write nothing: check before a fit, with any values, that its numbers can be written.
 
     Raises
     ------
     ArgumentError
-        The model is not from a ``.toml`` file with ``[[element]]`` tables.
+        The model is not from a file.
     ModelError
         The numbers cannot be written there, because a variant sets them.
     """
-    old, target = Path(model_file or model.file), Path(path)
-    if not old.is_file() or old.suffix != ".toml" or "urdf" in parse_file(old, str(old)).value:
-        raise ArgumentError(
-            f"model file: given {str(old)!r}, expected a .toml file with [[element]] tables; the numbers of other "
-            "models are in the values of the result and in --json"
+    file = str(model_file or model.file)
+    old, folder = text_of_model(file)
+    variant = model.variant or None
+
+    def check(again: RobotModel) -> None:
+        for parameter in _numbers(again, values):
+            if parameter.value != values[parameter.name]:
+                raise ModelError(
+                    file, 0, parameter.key,
+                    f"a number that the variant {model.variant!r} sets to another one",
+                    "a model without variant, or a variant that leaves the identified numbers alone",
+                )  # fmt: skip
+
+    def write(text: str, chosen: str | None) -> Path:
+        return write_model_text(path, text, folder, chosen, check, dry)
+
+    overlay = tomllib.loads(old)
+    given = (model, values, sd, source, file, note)
+    if "urdf" not in overlay:
+        text = head + write_parameters(old, *given)
+        return write(text if finish is None else finish(text), variant)
+    try:
+        text = head + write_parameters(
+            old, *given, key_of=lambda key: overlay_key(overlay, model, key)
         )
-    if target.suffix != ".toml":
-        raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-    text = head + write_parameters(
-        old.read_text(encoding="utf-8"), model, values, sd, source, str(old), note
-    )
-    with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
-        again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
-    for parameter in _numbers(again, values):
-        if parameter.value != values[parameter.name]:
-            raise ModelError(
-                str(old), 0, parameter.key, f"a number that the variant {model.variant!r} sets to another one",
-                "a model without variant, or a variant that leaves the identified numbers alone",
-            )  # fmt: skip
-    return write_text(target, text)
+        return write(text if finish is None else finish(text), variant)
+    except ModelError:  # the overlay has no table for one of them, or a number of several links
+        numbers = {p.key: values[p.name] for p in _numbers(model, values)}
+        words = f"identified parameters ({_one_line(source)}); {note}".rstrip("; ")
+        text = head + with_variant(old, file, IDENTIFIED, numbers, words, model.variant)
+        return write(text, IDENTIFIED)
+
+
+def check_written(path: str | Path, model: RobotModel, names: Iterable[str] = ()) -> None:
+    """Check before a fit that `Estimated.write` can write numbers of the model into a new model file; errors as there.
+
+    ``names``: of the numbers that are fitted, as far as they are those of the model.
+    """
+    values = {p.name: p.value for p in select(model, list(names))} if names else {}
+    write_model(path, model, values, {}, "check", dry=True)
 
 
 def write_parameters(
@@ -396,18 +434,28 @@ def write_parameters(
     source: str,
     file: str,
     note: str = "",
+    key_of: Callable[[str], str] = str,
 ) -> str:
     """The text of a model file with the values of some parameters, each with a comment on its accuracy.
 
-    Comments of an earlier identification on the same parameters are removed: they are of the old values.
+    Comments of an earlier identification on the same parameters are removed: they are of the old values. ``key_of``:
+    the key in the file from that of the parameter.
     """
     chosen = _numbers(model, values)
-    numbers = {p.key: values[p.name] for p in chosen}
-    notes = {p.key: f"{p.name}: sd {_percent(sd[p.name], p.name)}" for p in chosen if p.name in sd}
-    # one line of a comment
-    show_value = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"
-    head = f"# Identified parameters ({show_value}): {note or 'each has its standard deviation in a comment'}.\n"
+    numbers = {key_of(p.key): values[p.name] for p in chosen}
+    notes = {
+        key_of(p.key): f"{p.name}: sd {_percent(sd[p.name], p.name)}"
+        for p in chosen
+        if p.name in sd
+    }
+    accuracy = note or "each has its standard deviation in a comment"
+    head = f"# Identified parameters ({_one_line(source)}): {accuracy}.\n"
     return head + with_numbers(_without_notes(text, {p.name for p in chosen}), numbers, file, notes)
+
+
+def _one_line(source: str) -> str:
+    """The source of data as a part of one line of a comment."""
+    return "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"
 
 
 def _numbers(model: RobotModel, names: Iterable[str]) -> list[Parameter]:

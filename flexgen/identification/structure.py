@@ -11,13 +11,14 @@ Source: G. Schwarz, Annals of Statistics 6(2), 1978.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from flexgen.analysis.missing_springs import additions, without
+from flexgen.deadline import best_known, fitting, is_over, reason_of_end, searching
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
@@ -76,7 +77,12 @@ class Structure:
 
 @reported("structure")
 def structure(
-    model: RobotModel | str | Path, data: Frf, *, fixed: Sequence[str] = (), progress: Choice = None
+    model: RobotModel | str | Path,
+    data: Frf,
+    *,
+    fixed: Sequence[str] = (),
+    time_limit: float | None = None,
+    progress: Choice = None,
 ) -> Structure:
     """Search the springs without motor that the data ask for.
 
@@ -88,6 +94,9 @@ def structure(
         At two poses at least.
     fixed : sequence of str
         Coordinates that are not removed.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best structure so far, with the status ``time limit`` or
+        ``interrupted``. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -105,38 +114,63 @@ def structure(
         raise ArgumentError(
             "structure: given data at one pose, expected two or more: some are held out"
         )
-    now = _fit(robot, data)
-    changes: list[Change] = []
-    for _ in range(MOST_ROUNDS):
-        tried: list[tuple[Change, IdentificationResult]] = []
-        candidates = [("add", dof.name, changed) for dof, changed in additions(now.vector.model)]
-        candidates += [
-            ("remove", name, without(now.vector.model, name))
-            for name in _removable(robot, now, fixed)
-        ]
-        for k, (kind, name, changed) in enumerate(candidates):
-            tell(f"{kind} {name}: {k + 1} of {len(candidates)}")
-            best = _find_best(changed, name if kind == "add" else None, data)
-            if best is not None:
-                gain = criterion(now) - criterion(best)
-                tried.append((Change(kind, name, gain, None, False), best))
-        better, rejected = None, []
-        for change, fit in sorted(tried, key=lambda pair: -pair[0].gain):
-            if change.gain > LEAST_GAIN and change.kind == "add":
-                change = replace(
-                    change, held_out=_hold_out(now.vector.model, fit.vector.model, data)
-                )
-            if change.gain > LEAST_GAIN and (change.held_out is None or change.held_out < 1.0):
-                changes.append(replace(change, kept=True))
-                better = fit
-                break
-            rejected.append(change)
-        if better is None:
-            changes += rejected
-            break
-        now = better
-    final = identify(now.model, data, starts=1, progress=False)
+    with fitting("structure", time_limit, tell):
+        now, changes = _search(robot, data, fixed, tell)
+        final, reason = now, reason_of_end()
+        if not reason:
+            with searching():
+                final = identify(now.model, data, starts=1, progress=False)
+            reason = reason_of_end()
+    final = replace(final, status=FitStatus.of_value(reason)) if reason else final
     return Structure(now.model, final, tuple(changes))
+
+
+def _search(
+    robot: RobotModel, data: Frf, fixed: Sequence[str], tell: Callable[[str], None]
+) -> tuple[IdentificationResult, list[Change]]:
+    """The best fit, and the changes of the model that were tried."""
+    now = _fit(robot, data)
+    best_known()
+    changes: list[Change] = []
+    with searching():
+        for _ in range(MOST_ROUNDS):
+            better, tried = _best_change(robot, now, data, fixed, tell)
+            changes += tried
+            if better is None:
+                break
+            now = better
+    return now, changes
+
+
+def _best_change(
+    robot: RobotModel,
+    now: IdentificationResult,
+    data: Frf,
+    fixed: Sequence[str],
+    tell: Callable[[str], None],
+) -> tuple[IdentificationResult | None, list[Change]]:
+    """The fit of the best change that is kept, and that change; None, and those that were rejected."""
+    tried: list[tuple[Change, IdentificationResult]] = []
+    candidates = [("add", dof.name, changed) for dof, changed in additions(now.vector.model)]
+    candidates += [
+        ("remove", name, without(now.vector.model, name)) for name in _removable(robot, now, fixed)
+    ]
+    for k, (kind, name, changed) in enumerate(candidates):
+        tell(f"{kind} {name}: {k + 1} of {len(candidates)}")
+        best = _find_best(changed, name if kind == "add" else None, data)
+        if is_over():
+            return None, []
+        if best is not None:
+            gain = criterion(now) - criterion(best)
+            tried.append((Change(kind, name, gain, None, False), best))
+    rejected = []
+    for change, fit in sorted(tried, key=lambda pair: -pair[0].gain):
+        if change.gain > LEAST_GAIN and change.kind == "add":
+            change = replace(change, held_out=_hold_out(now.vector.model, fit.vector.model, data))
+        if change.gain > LEAST_GAIN and (change.held_out is None or change.held_out < 1.0):
+            return fit, [replace(change, kept=True)]
+        rejected.append(change)
+    return None, rejected
 
 
 def criterion(found: IdentificationResult) -> float:

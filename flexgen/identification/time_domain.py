@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexgen.deadline import check_time
+from flexgen.deadline import check_time, fitting, is_over, reason_of_end, searching
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import FINER, Experiment, fade_in, largest_rate
@@ -217,6 +217,7 @@ def refine(
     free: Sequence[str] | None = None,
     start: Mapping[str, float] | None = None,
     runs: int = 1,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> IdentificationResult:
     """Refine identified parameters by simulation of the experiment on the nonlinear model.
@@ -233,6 +234,8 @@ def refine(
         Other values to begin with.
     runs : int
         Experiments that are simulated at each pose.
+    time_limit : float, optional [s]
+        As in `identify`.
     progress : callable or bool, optional
 
     Returns
@@ -285,12 +288,18 @@ def refine(
     )
     simulated = Simulated(vector, experiment, _choose(plan, 0, runs), tell)
     settings = (vector.start, vector.prior_sd, vector.bounds)
-    rough = minimize(
-        simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE
-    )
-    simulated.use_noise(rough.x)
-    simulated.use_whole()
-    fit = minimize(simulated.sums, simulated.cost, rough.x, *settings, distance=DISTANCE)
+    with fitting("refine", time_limit, tell):
+        rough = minimize(
+            simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE
+        )
+        fit = rough
+        if not is_over():
+            with searching():
+                simulated.use_noise(rough.x)
+        if not is_over():
+            simulated.use_whole()
+            fit = minimize(simulated.sums, simulated.cost, rough.x, *settings, distance=DISTANCE)
+        reason = reason_of_end()
     degrees = max(simulated.count - len(vector) / 2, 1.0)
     cost = fit.cost / degrees
     prior = np.diag(vector.prior_sd**-2.0)
@@ -303,12 +312,12 @@ def refine(
         x=fit.x,
         found_delays=found.sensor_delays,
         formal_covariance=covariance,
-        status=_status(fit, cost, simulated, found),
+        status=FitStatus.of_value(reason) if reason else _status(fit, cost, simulated, found),
         cost=cost,
         model_error=0.0,
         starts=1,
         agreed=1,
-        iterations=rough.iterations + fit.iterations,
+        iterations=rough.iterations + fit.iterations * (fit is not rough),
         at_bound=tuple(name for name, held in zip(vector.names, fit.at_bound, strict=True) if held),
         weak=weak_directions(vector, fit.A),
         weights=TIME_DOMAIN,
@@ -417,11 +426,15 @@ def validate_on_others(found: IdentificationResult, checked: Validation) -> Iden
 
 
 def refine_and_validate(
-    found: IdentificationResult, experiment: Experiment, progress: Choice = None
+    found: IdentificationResult,
+    experiment: Experiment,
+    time_limit: float | None = None,
+    progress: Choice = None,
 ) -> tuple[IdentificationResult, Validation | None]:
     """Parameters refined on one experiment at each pose, and their status on another; None: there is only one."""
-    fine = refine(found, experiment, progress=progress)
-    if experiment.plan.experiments * experiment.plan.realizations < 2:
+    fine = refine(found, experiment, time_limit=time_limit, progress=progress)
+    single = experiment.plan.experiments * experiment.plan.realizations < 2
+    if single or fine.status.ended_early:
         return fine, None
     checked = validate(fine, experiment)
     return validate_on_others(fine, checked), checked

@@ -10,12 +10,13 @@ Source: J. Nocedal and S. Wright, Numerical Optimization, 2nd ed. 2006, ch. 4.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.deadline import check_time
+from flexgen.deadline import best_known, check_time, is_over, searching
 from flexgen.errors import SolverError
 
 Sums = tuple[float, np.ndarray, np.ndarray]  # ||r||^2, Re J^H r, Re J^H J
@@ -76,6 +77,7 @@ def minimize(
     lower, upper = bounds
     weight = prior_sd**-2.0
     x = np.clip(start, lower, upper)
+    began = time.perf_counter()
     value, g, A = sums(x)
 
     def objective(at: np.ndarray, of: float) -> float:
@@ -83,48 +85,52 @@ def minimize(
 
     radius, total, converged, wrong, n = RADIUS, objective(x, value), False, False, 0
     held, totals = np.zeros(len(x), bool), [total]
-    for n in range(1, ITERATIONS + 1):  # noqa: B007, the number of iterations is a result
-        check_time("identify")
-        whole, matrix = g + weight * (x - center), A + np.diag(weight)
-        held = ((x <= lower) & (whole > 0)) | ((x >= upper) & (whole < 0))
-        free = ~held
-        if not free.any():
-            converged = True
-            break
-        step = np.zeros(len(x))
-        step[free] = _step(matrix[np.ix_(free, free)], whole[free], radius)
-        there = np.clip(x + step, lower, upper)  # exactly at a bound where one is reached
-        step = there - x
-        # of the objective, by the quadratic model
-        gain = -float(2 * whole @ step + step @ matrix @ step)
-        size = float(np.linalg.norm(step))
-        inner = np.ix_(free, free)
-        left = float(whole[free] @ np.linalg.lstsq(matrix[inner], whole[free], rcond=1e-14)[0])
-        if size < SMALL_STEP or left < distance**2:
-            converged = True
-            break
-        try:
-            new = cost(there)
-        except SolverError:
-            radius = size / 4
-            continue
-        ratio = (total - objective(there, new)) / gain if gain > 0 else -1.0
-        if not np.isfinite(ratio) or ratio < 1e-4:
-            radius = size / 4
-            if radius < SMALL_STEP:
-                converged = gain <= 1e-9 * total  # rounding: nothing left to gain
+    best_known(time.perf_counter() - began)
+    with searching():
+        for n in range(1, ITERATIONS + 1):  # noqa: B007, the number of iterations is a result
+            if is_over():
                 break
-            continue
-        x = there
-        value, g, A = sums(x)
-        total = objective(x, value)
-        totals.append(total)
-        if wrong := count is not None and value > WRONG * count and _gains_little(totals):
-            break
-        if ratio > 0.75 and size > 0.8 * radius:
-            radius = min(2 * radius, LARGEST_RADIUS)
-        elif ratio < 0.25:
-            radius = size / 2
+            check_time("identify")
+            whole, matrix = g + weight * (x - center), A + np.diag(weight)
+            held = ((x <= lower) & (whole > 0)) | ((x >= upper) & (whole < 0))
+            free = ~held
+            if not free.any():
+                converged = True
+                break
+            step = np.zeros(len(x))
+            step[free] = _step(matrix[np.ix_(free, free)], whole[free], radius)
+            there = np.clip(x + step, lower, upper)  # exactly at a bound where one is reached
+            step = there - x
+            # of the objective, by the quadratic model
+            gain = -float(2 * whole @ step + step @ matrix @ step)
+            size = float(np.linalg.norm(step))
+            inner = np.ix_(free, free)
+            left = float(whole[free] @ np.linalg.lstsq(matrix[inner], whole[free], rcond=1e-14)[0])
+            if size < SMALL_STEP or left < distance**2:
+                converged = True
+                break
+            try:
+                new = cost(there)
+            except SolverError:
+                radius = size / 4
+                continue
+            ratio = (total - objective(there, new)) / gain if gain > 0 else -1.0
+            if not np.isfinite(ratio) or ratio < 1e-4:
+                radius = size / 4
+                if radius < SMALL_STEP:
+                    converged = gain <= 1e-9 * total  # rounding: nothing left to gain
+                    break
+                continue
+            # at once: a search that ends in between keeps the step before
+            x, (value, g, A) = there, sums(there)
+            total = objective(x, value)
+            totals.append(total)
+            if wrong := count is not None and value > WRONG * count and _gains_little(totals):
+                break
+            if ratio > 0.75 and size > 0.8 * radius:
+                radius = min(2 * radius, LARGEST_RADIUS)
+            elif ratio < 0.25:
+                radius = size / 2
     return Fit(x, value, total, A, n, converged, held, wrong)
 
 

@@ -25,6 +25,7 @@ Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torque
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
@@ -34,6 +35,7 @@ from scipy.ndimage import correlate1d
 from scipy.signal import butter, filtfilt
 
 from flexgen.analysis.rests_of_motors import MOVING, Rests, largest_of_unit
+from flexgen.deadline import best_known, fitting, is_over, reason_of_end, searching
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.gains import lowest_locked_hz
@@ -45,6 +47,7 @@ from flexgen.model.friction import refuse_harmonics
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.low_pass import bandwidth
 from flexgen.performance.compliances import stiffness_deviations
+from flexgen.progress import Choice, Progress, reported, silent
 from flexgen.records.motor_record import read_motor_record
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
@@ -103,7 +106,8 @@ class Load(Result):
     ``total_mass``, ``total_com``: of the load and the payload of the model file together. ``residual_Nm``: root mean
     square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
     ``friction`` (2, n_m): viscous and other friction of each motor over those of the model.
-    ``notes``: what was done to the record, as sentences.
+    ``notes``: what was done to the record, as sentences. ``ended``: "time limit" or "interrupted"
+    where the search was ended from outside, and the load is that of its best step; else empty.
 
     Examples
     --------
@@ -124,8 +128,16 @@ class Load(Result):
     friction: np.ndarray
     unknown_m: float = UNKNOWN
     notes: tuple[str, ...] = ()
+    ended: str = ""
 
     __repr__ = short_repr
+
+    @property
+    def problem(self) -> str:
+        """Why the load cannot be used: the search was ended from outside."""
+        if not self.ended:
+            return ""
+        return f"{self.ended}: the load is that of the best step of the search"
 
     def __str__(self) -> str:
         """Mass, center of mass, and frictions."""
@@ -149,7 +161,8 @@ class Load(Result):
         return load + friction
 
 
-@checked_types
+@checked_types(own=("time_limit",))
+@reported("identify_load")
 def identify_load(
     model: str | FilePath | RobotModel | Equations,
     record: Trajectory | str | FilePath,
@@ -157,6 +170,8 @@ def identify_load(
     low_pass_hz: float | None = None,
     rigid: bool = False,
     columns: Sequence[str] | None = None,
+    time_limit: float | None = None,
+    progress: Choice = None,
 ) -> Load:
     """Identify the load at the tool, mass and center of mass, from a record of motor angles and torques.
 
@@ -179,6 +194,9 @@ def identify_load(
     columns : sequence of str, optional
         Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or
         with a unit).
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far; 0: no limit.
+    progress : callable or bool, optional
 
     Returns
     -------
@@ -201,7 +219,9 @@ def identify_load(
     robot = robot_of(model)
     refuse_harmonics(robot, "identify_load")
     found = read_motor_record(robot, record, columns)
-    load = _Estimate(robot, found.trajectory, low_pass_hz, rigid).solve()
+    tell: Progress = progress if callable(progress) else silent
+    with fitting("identify_load", time_limit, tell):
+        load = _Estimate(robot, found.trajectory, low_pass_hz, rigid).solve(tell)
     return replace(load, notes=found.notes) if found.notes else load
 
 
@@ -374,7 +394,7 @@ class _Estimate:
         own = np.array([y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -y * z, -x * z])
         return own * mass * load / values[0]
 
-    def solve(self) -> Load:
+    def solve(self, tell: Progress = silent) -> Load:
         """Gauss-Newton in mass and first moments of the whole payload, delay of the torques, frictions, compliances."""
         own, center = self.of_file[-4], self.of_file[-3:]
         soft, first = np.flatnonzero(self.stiffness_sd), LOAD + self.friction.shape[1]
@@ -408,30 +428,36 @@ class _Estimate:
         J[:, 4] = -self.see(self.late).ravel()
         for k in range(LOAD, first):
             J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
-        for _ in range(STEPS):
-            r, arm = residual(x), 1e-4 * length * max(x[0], unit)
-            steps = np.r_[
-                1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)
-            ]
-            for k, size in zip((*range(4), *range(first, count)), steps, strict=False):
-                J[:, k] = (residual(x + size * (np.arange(count) == k)) - r).ravel() / size
-            hidden = CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
-            prior[:4, :4] = about.T @ about / hidden**2
-            weight = prior * self._variance(r)
-            if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
-                raise SolverError(
-                    "load: the motion does not determine the mass; move the joints that carry the load"
-                )
-            A = J.T @ J + weight
-            step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
-            # steps that turn back are too long
-            part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)
-            before, x = x, x + part * step
-            x[0], last = max(x[0], 1e-6 * unit), part * step
-            moved = np.abs((x - before)[:4] / [1.0, length, length, length]).max()
-            change = moved / (unit + np.abs(x[0]))
-            if change < CLOSE:
-                break
+        with searching():
+            for k in range(STEPS):
+                if k and is_over():
+                    break
+                tell(f"step {k + 1}: load {x[0] - own:.3f} kg")
+                began = time.perf_counter()
+                r, arm = residual(x), 1e-4 * length * max(x[0], unit)
+                steps = np.r_[
+                    1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)
+                ]
+                for k, size in zip((*range(4), *range(first, count)), steps, strict=False):
+                    J[:, k] = (residual(x + size * (np.arange(count) == k)) - r).ravel() / size
+                hidden = CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
+                prior[:4, :4] = about.T @ about / hidden**2
+                weight = prior * self._variance(r)
+                if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
+                    raise SolverError(
+                        "load: the motion does not determine the mass; move the joints that carry the load"
+                    )
+                A = J.T @ J + weight
+                step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
+                # steps that turn back are too long
+                part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)
+                before, x = x, x + part * step
+                x[0], last = max(x[0], 1e-6 * unit), part * step
+                moved = np.abs((x - before)[:4] / [1.0, length, length, length]).max()
+                change = moved / (unit + np.abs(x[0]))
+                best_known(time.perf_counter() - began)
+                if change < CLOSE:
+                    break
         r = residual(x)
         weight = prior * self._variance(r)
         inverse = np.linalg.inv(J.T @ J + weight) * self._variance(r)
@@ -440,19 +466,20 @@ class _Estimate:
         covariances = [inverse, self._left_out(r, J, weight) + of_springs]
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], moved) < 2 * sd[0]  # steps between masses that noise hides
+        reason = reason_of_end()
         is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
-        if not (change < NOT_CLOSE or is_nothing or is_hidden):
+        if not (change < NOT_CLOSE or is_nothing or is_hidden or reason):
             raise SolverError(
                 f"load: no solution in {STEPS} steps, the last changed the load by {change:.1e}; does the record "
                 f"belong to the model {self.robot.name}?"
             )
         unexplained = float(np.linalg.norm(r) / np.linalg.norm(tau))
-        if not unexplained < UNEXPLAINED:
+        if not (unexplained < UNEXPLAINED or reason):
             raise SolverError(
                 f"load: no load explains the record, {100 * unexplained:.0f} % of the torques are left; does it belong "
                 f"to the model {self.robot.name}, in rad and N m of the motors?"
             )
-        return self._result(x[:first], r, sd[0], covariances)
+        return replace(self._result(x[:first], r, sd[0], covariances), ended=reason)
 
     def _result(
         self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]

@@ -56,6 +56,9 @@ class ServoFit(Result):
         Of the robot between two commands.
     model : str
         Of the robot.
+    ended : str
+        ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the servo is
+        that of its best step. Else empty.
 
     Examples
     --------
@@ -80,6 +83,7 @@ class ServoFit(Result):
     record: ServoRecord
     interpolation: str
     model: str
+    ended: str = ""
 
     def __repr__(self) -> str:
         return f"<ServoFit {self.model}: {self.sentence()}>"
@@ -116,6 +120,8 @@ class ServoFit(Result):
     @property
     def problem(self) -> str:
         """Why the servo cannot be used: it explains too little, or the search did not end."""
+        if self.ended:
+            return f"{self.ended}: the servo is that of the best step of the search"
         if self.explained >= ENOUGH:
             return (
                 ""
@@ -185,6 +191,7 @@ class ServoFit(Result):
             "motors",
             "interpolation",
             "model",
+            "ended",
         )
         return own | gains | {name: plain(getattr(self, name)) for name in kept}
 
@@ -200,6 +207,7 @@ class ServoFit(Result):
         }
         description = (
             f"servo of {self.model}, identified from {Path(self.record.source).name or 'a record'}"
+            + (f"; {self.ended}: best step of the search" if self.ended else "")
         )
         lines = [f"description = {toml(description)}", 'type = "cascade"']
         lines += [f"{name} = {toml(value)}" for name, value in values.items()]

@@ -16,7 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.deadline import check_time
+from flexgen.deadline import (
+    best_known,
+    check_time,
+    fitting,
+    is_over,
+    reason_of_end,
+    searching,
+)
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library.model_library import library_with
@@ -66,6 +73,7 @@ def identify_servo(
     servo: Any = None,
     interpolation: Interpolation = "linear",
     columns: Sequence[str] | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> ServoFit:
     """Identify the position servo of a robot from some seconds of commands and measured angles.
@@ -84,6 +92,9 @@ def identify_servo(
     columns : sequence of str, optional
         Names of the columns of a file without a header, such as ``t ms,q1_command,q1``; without
         unit in SI units.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or 0:
+        unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -112,13 +123,16 @@ def identify_servo(
     if not isinstance(record, ServoRecord):
         record = ServoRecord.read(record, robot, columns)
     _check_record(record, robot)
-    fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation, tell)
-    best = _search(fit, *fit.start(), tell)
-    for lower in LOWER:
-        with suppress(SolverError):  # unstable there
-            found = best if best.is_explained else _search(fit, *fit.start(lower), tell)
-            best = min(best, found, key=lambda one: one.left)
-    return best
+    with fitting("identify_servo", time_limit, tell):
+        fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation, tell)
+        best = _search(fit, *fit.start(), tell)
+        for lower in LOWER:
+            if is_over() or best.is_explained:
+                break
+            with suppress(SolverError), searching():  # unstable there
+                found = _search(fit, *fit.start(lower), tell)
+                best = min(best, found, key=lambda one: one.left)
+        return replace(best, ended=reason_of_end())
 
 
 def _search(
@@ -126,21 +140,26 @@ def _search(
 ) -> ServoFit:
     """Levenberg and Marquardt from parameters p with residuals e and their Jacobian."""
     weight, ended = WEIGHT, False
-    for step in range(STEPS):
-        check_time("identify_servo")
-        tell(
-            f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles unexplained"
-        )
-        tried = fit.within(p + _change(fit, p, e, J, weight))
-        found = fit.run(tried)
-        if found is not None and (found[0] ** 2).sum() < (e**2).sum():
-            gain = 1.0 - (found[0] ** 2).sum() / (e**2).sum()
-            p, (e, J), weight = tried, found, max(weight / 8, 1e-10)
-            ended = gain < CLOSE
-        else:
-            ended, weight = weight > 1e3, 10 * weight
-        if ended:
-            break
+    best_known()
+    with searching():
+        for step in range(STEPS):
+            if is_over():
+                break
+            check_time("identify_servo")
+            tell(
+                f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles unexplained"
+            )
+            tried = fit.within(p + _change(fit, p, e, J, weight))
+            found = fit.run(tried)
+            if found is not None and (found[0] ** 2).sum() < (e**2).sum():
+                gain = 1.0 - (found[0] ** 2).sum() / (e**2).sum()
+                # at once: a search that ends in between keeps the step before
+                p, (e, J), weight = tried, found, max(weight / 8, 1e-10)
+                ended = gain < CLOSE
+            else:
+                ended, weight = weight > 1e3, 10 * weight
+            if ended:
+                break
     return fit.result(p, e, J, ended)
 
 

@@ -36,23 +36,31 @@ def add_variant(
         There is no such ``.toml`` file, or it has the variant.
     """
     path = Path(file or "")
-    text = path.read_text(encoding="utf-8") if path.is_file() and path.suffix == ".toml" else ""
+    if not path.is_file() or path.suffix != ".toml":
+        raise _refused(f"{str(file)!r}, which is no .toml file")
+    return with_variant(
+        path.read_text(encoding="utf-8"), path.name, name, changes, description, base
+    )
+
+
+def with_variant(
+    text: str, file: str, name: str, changes: Mapping[str, Any], description: str, base: str = ""
+) -> str:
+    """The text of a model file with a further variant; ``file``: its name for messages; else as `add_variant`."""
     variants = tomllib.loads(text).get("variant", {})
     if not text or name in variants:
-        given = (
-            f"{path.name}, which has a variant {name!r}"
-            if text
-            else f"{str(file)!r}, which is no .toml file"
-        )
-        raise ArgumentError(
-            f"write: given a model of {given}, expected one of a .toml file without that variant; the numbers are in "
-            "the result and in --json"
-        )
+        raise _refused(f"{file}, which has a variant {name!r}")
     old = variants.get(base, {})
-    sets = {key: value for key, value in old.get("set", {}).items() if key not in changes} | dict(
-        changes
-    )
+    own = {key: value for key, value in old.get("set", {}).items() if key not in changes}
+    sets = own | dict(changes)
     lines = [f"[variant.{name}]", f"description = {toml(' '.join(description.split())[:LONGEST])}"]
     lines += [f"remove = {toml(old['remove'])}"] if "remove" in old else []
     rows = [f"{toml(key)} = {toml(value)}" for key, value in sets.items()]
     return "\n".join([text.rstrip(), "", *lines, "", f"[variant.{name}.set]", *rows, ""])
+
+
+def _refused(given: str) -> ArgumentError:
+    return ArgumentError(
+        f"write: given a model of {given}, expected one of a .toml file without that variant; the numbers are in "
+        "the result and in --json"
+    )

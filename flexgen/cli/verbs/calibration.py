@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from pathlib import Path
+from functools import partial
 
-from flexgen.cli.result import Progress, VerbResult, keywords, read_model, with_files
+from flexgen.cli.result import (
+    Progress,
+    VerbResult,
+    Writer,
+    check_model_file,
+    is_interrupted,
+    keywords,
+    read_model,
+    with_files,
+)
 from flexgen.errors import ArgumentError
 from flexgen.progress import throttle
 
@@ -21,6 +30,7 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError(
             f"--out: given {args.model}, expected a .toml model file without @variant"
         )
+    check_model_file(args, model)
     priors = flexgen.Priors()
     for name, value in args.prior or ():
         if name not in vars(priors) or not isinstance(value, int | float):
@@ -32,15 +42,22 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
     found = flexgen.calibrate(
         model, poses, priors=priors, **keywords(args, "poses", "priors"), progress=throttle(log)
     )
-    data, text, files = found.to_dict(), found.to_text(), dict[str, Path | None]()
-    if args.add_poses:
+    data, text, files = found.to_dict(), found.to_text(), dict[str, Writer]()
+    if args.add_poses and not found.ended:
         names = [c.name for c in model.coordinates if c.actuated]
         proposed = found.propose_poses(args.add_poses)
         data["proposed_poses"] = [dict(zip(names, row, strict=True)) for row in proposed.tolist()]
         rows = [[number(float(x)) for x in row] for row in proposed]
         text += f"\n\nposes that tell most, rad or m; check them for collisions:\n\n{table(rows, names)}"
     if args.out is not None:
-        files["model_file"] = found.write(args.out, args.world or "robot")
+        files["model_file"] = partial(found.write, args.out, args.world or "robot")
     if args.report is not None:
-        files["report"] = found.report(args.report)
-    return with_files(text, data, files, found.problem, warnings=list(found.warnings))
+        files["report"] = partial(found.report, args.report)
+    return with_files(
+        text,
+        data,
+        files,
+        found.problem,
+        warnings=list(found.warnings),
+        interrupted=is_interrupted(found),
+    )

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from flexgen.cli.result import (
     Progress,
     VerbResult,
+    Writer,
     alone,
+    check_model_file,
+    is_interrupted,
     keywords,
     read_model,
     with_files,
 )
+from flexgen.deadline import OutOfTime
 from flexgen.errors import ArgumentError
 from flexgen.progress import throttle
 from flexgen.reports.text_tables import number
@@ -43,16 +49,21 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     plan = plan_experiment(model, hardware=hardware, **keywords(args), progress=throttle(log))
     data = {
         "model": model.name,
-        "plan": str(plan.save(args.out)),
         "duration_s": plan.duration_s,
         "frequencies_Hz": plan.frequencies.tolist(),
         "poses": plan.joints(model).tolist(),
         "expected_relative_sd": plan.predicted,
     }
-    text = f"{plan_text(plan, model)}\n\nwrote {args.out}"
+    files: dict[str, Writer] = {"plan": partial(plan.save, args.out)}
     if args.references is not None:
-        text += f"\nwrote {args.references}, {len(plan.write_references(args.references))} files of references"
-    return VerbResult(data, text)
+        files["references"] = partial(_write_references, plan, args.references)
+    return with_files(plan_text(plan, model), data, files)
+
+
+def _write_references(plan: Any, folder: Path) -> Path:
+    """Write the references of each experiment of a plan; the folder."""
+    plan.write_references(folder)
+    return folder
 
 
 def measure(args: Namespace, log: Progress) -> VerbResult:
@@ -72,21 +83,21 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     wall = time.perf_counter() - began
     data = {
         "model": robot.name,
-        "experiment": str(experiment.save(args.out)),
         "duration_s": plan.duration_s,
         "wall_s": wall,
         "speed_rms_rad_s": experiment.speed_sd.tolist(),
         "samples_at_torque_limit": experiment.saturated.tolist(),
     }
     text = f"{robot.name}: {number(plan.duration_s)} s of robot in {number(wall)} s\n\n"
-    text += f"{experiment.to_text()}\n\nwrote {args.out}"
+    text += experiment.to_text()
+    files: dict[str, Writer] = {"experiment": partial(experiment.save, args.out)}
     if writer is not None:
-        data["recordings"] = str(writer.finish())
-        text += f"\nwrote {data['recordings']}, {len(writer.files)} files with all samples"
+        files["recordings"] = writer.finish
     limited = (
         "torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms"
     )
-    return VerbResult(data, text, warnings=[limited] if experiment.saturated.any() else [])
+    warnings = [limited] if experiment.saturated.any() else []
+    return with_files(text, data, files, warnings=warnings)
 
 
 def frf(args: Namespace, log: Progress) -> VerbResult:
@@ -103,9 +114,9 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
         "outputs": list(found.outputs),
         "median_relative_sd": found.relative_sd(),
     }
-    files = {"frf": found.save(args.out)} | (
-        {} if args.report is None else {"report": found.report(args.report)}
-    )
+    files: dict[str, Writer] = {"frf": partial(found.save, args.out)}
+    if args.report is not None:
+        files["report"] = partial(found.report, args.report)
     return with_files(found.to_text(), data, files, warnings=list(found.warnings))
 
 
@@ -125,10 +136,10 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.graybox import identify as fit
     from flexgen.identification.recordings.experiment_file import load_experiment
     from flexgen.identification.result import FitStatus
-    from flexgen.identification.time_domain import refine_and_validate
     from flexgen.reports.identification_texts import text_of_identification, validation_text
 
     model, data = read_model(args), Frf.load(args.data)
+    _check_out(args, model)
     if args.structure:
         return _structure(model, data, args, log)
     given = {
@@ -136,13 +147,14 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         "source": str(args.data),
         **keywords(args, "data", "start", "levels"),
     }
+    experiment = None if args.refine is None else load_experiment(args.refine)
     given["levels"] = [Frf.load(path) for path in args.levels or ()]
     found, validation, tell = fit(model, data, **given, progress=throttle(log)), [], throttle(log)
     checked: dict[str, Any] = {}
-    if args.refine is not None:
-        experiment = load_experiment(args.refine)
+    if experiment is not None and not found.status.ended_early:
         log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
-        found, validated = refine_and_validate(found, experiment, progress=tell)
+        left = None if not args.time_limit else max(args.time_limit - found.wall_s, 1e-3)
+        found, validated = _refined(found, experiment, left, tell)
         if validated is not None:
             checked["validation"] = vars(validated)
             validation.append(validation_text(validated, experiment.plan.motors))
@@ -150,12 +162,37 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         text_of_identification(found, *validation),
         found.status != FitStatus.NOT_CONVERGED,
     )
-    if args.move is not None and usable:
+    if args.move is not None and usable and not found.status.ended_early:
         checked["tool_errors"], words = _verdict(found, args, log)
         text += f"\n\n{words}"
     return with_files(
-        text, found.to_dict() | checked, _files(found, args, usable), _problem(found.status)
+        text,
+        found.to_dict() | checked,
+        _files(found, args, usable),
+        _problem(found.status),
+        interrupted=is_interrupted(found),
     )
+
+
+def _refined(found: Any, experiment: Any, time_limit: float | None, tell: Progress) -> Any:
+    """The fit refined by simulation and its validation; the fit as it was where the time is over before a step."""
+    from flexgen.identification.fit_status import FitStatus
+    from flexgen.identification.time_domain import refine_and_validate
+
+    try:
+        return refine_and_validate(found, experiment, time_limit, progress=tell)
+    except OutOfTime:
+        return replace(found, status=FitStatus.TIME_LIMIT), None
+    except KeyboardInterrupt:
+        return replace(found, status=FitStatus.INTERRUPTED), None
+
+
+def _check_out(args: Namespace, model: Any) -> None:
+    """Check before a fit that the new model file can be written with the numbers that are fitted."""
+    from flexgen.mechanics.parameters import has_group
+
+    names = [name for name in args.free or () if has_group(model, name)]
+    check_model_file(args, model, names)
 
 
 def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbResult:
@@ -165,14 +202,22 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
 
     alone(args, "--structure", *OF_RESPONSES, "free", "start", "out")
     log("adding and removing springs: about a minute for six axes")
-    found = structure(model, data, fixed=args.fixed, progress=throttle(log))
+    found = structure(
+        model, data, fixed=args.fixed or (), time_limit=args.time_limit, progress=throttle(log)
+    )
     result = found.identified.to_dict() | {
         "added": list(found.added),
         "removed": list(found.removed),
         "changes": [vars(change) for change in found.changes],
     }
     files = _files(found.identified, args)
-    return with_files(structure_text(found), result, files, _problem(found.identified.status))
+    return with_files(
+        structure_text(found),
+        result,
+        files,
+        _problem(found.identified.status),
+        interrupted=is_interrupted(found.identified),
+    )
 
 
 def _rigid(args: Namespace, log: Progress) -> VerbResult:
@@ -183,14 +228,28 @@ def _rigid(args: Namespace, log: Progress) -> VerbResult:
         args, "--rigid", "structure", "segments", *OF_RESPONSES, "free", "fixed", "start", "report"
     )
     balance = {name: int(count) for name, count in args.counterbalance or ()}
-    options = {"validate": args.validate, "counterbalance": balance, "progress": log}
-    found = identify_bodies(read_model(args), args.data, **options)
+    model = read_model(args)
+    check_model_file(args, model)
+    found = identify_bodies(
+        model,
+        args.data,
+        validate=args.validate,
+        counterbalance=balance,
+        time_limit=args.time_limit,
+        progress=log,
+    )
     problem = (
         ""
         if found.fit.status.has_deviations
         else f"{found.fit.status}: {found.fit.status.sentence}"
     )
-    return with_files(found.to_text(), found.to_dict(), _files(found, args), problem)
+    return with_files(
+        found.to_text(),
+        found.to_dict(),
+        _files(found, args),
+        problem,
+        interrupted=is_interrupted(found.fit),
+    )
 
 
 def _segments(args: Namespace, log: Progress) -> VerbResult:
@@ -203,13 +262,25 @@ def _segments(args: Namespace, log: Progress) -> VerbResult:
     if args.free is None:
         raise ArgumentError("--segments: given no --free, expected the names of the parameters")
     start = {key: float(value) for key, value in args.start or ()}
-    options = {"free": args.free, "fixed": args.fixed, "start": start, "validate": args.validate}
+    model = read_model(args)
+    _check_out(args, model)
     found = fit_motion(
-        read_model(args), args.data, segment_s=args.segments, **options, progress=log
+        model,
+        args.data,
+        segment_s=args.segments,
+        free=args.free,
+        fixed=args.fixed or (),
+        start=start,
+        validate=args.validate,
+        time_limit=args.time_limit,
+        progress=log,
     )
-    files = _files(found, args, found.status != FitStatus.NOT_CONVERGED)
     return with_files(
-        text_of_motion_fit(found, args.segments), found.to_dict(), files, _problem(found.status)
+        text_of_motion_fit(found, args.segments),
+        found.to_dict(),
+        _files(found, args, found.status != FitStatus.NOT_CONVERGED),
+        _problem(found.status),
+        interrupted=is_interrupted(found),
     )
 
 
@@ -226,12 +297,14 @@ def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str,
     return rows, verdict_text(verdict)
 
 
-def _files(found: Any, args: Namespace, usable: bool = True) -> dict[str, Path | None]:
-    """The new model file and the report, where they are asked for and the result is usable."""
-    files = {} if args.out is None or not usable else {"model_file": found.write(args.out)}
-    return files | (
-        {} if args.report is None or not usable else {"report": found.report(args.report)}
-    )
+def _files(found: Any, args: Namespace, usable: bool = True) -> dict[str, Writer]:
+    """What writes the new model file and the report, where they are asked for and the result is usable."""
+    files: dict[str, Writer] = {}
+    if args.out is not None and usable:
+        files["model_file"] = partial(found.write, args.out)
+    if args.report is not None and usable:
+        files["report"] = partial(found.report, args.report)
+    return files
 
 
 def _problem(status: Any) -> str:

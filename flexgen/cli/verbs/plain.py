@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from flexgen.cli.result import Progress, VerbResult, call, read_model, with_files, written
+from flexgen.cli.result import (
+    Progress,
+    VerbResult,
+    call,
+    check_model_file,
+    is_interrupted,
+    read_model,
+    with_files,
+    written,
+)
 from flexgen.display import as_json
 from flexgen.display import plain as as_plain
 
 
 def plain(args: Namespace, log: Progress) -> VerbResult:
     """Call the public function of the row; print its result, and write it where ``--out`` and ``--report`` ask."""
-    result = call(args, log, *(() if args.row.model == "none" else (read_model(args),)))
+    given = () if args.row.model == "none" else (read_model(args),)
+    check_model_file(args, *given)
+    result = call(args, log, *given)
     if not hasattr(result, "to_text"):
         return VerbResult({"result": as_plain(result)}, as_json(as_plain(result)))
     notes = [text for text in getattr(result, "warnings", ()) if isinstance(text, str)]
@@ -23,4 +34,5 @@ def plain(args: Namespace, log: Progress) -> VerbResult:
         result.problem,
         warnings=notes,
         details=details,
+        interrupted=is_interrupted(result),
     )

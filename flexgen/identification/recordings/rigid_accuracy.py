@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexgen.spec.explained_status import ExplainedStatus
+from flexgen.spec.explained_status import OUT_OF_TIME, STOPPED, ExplainedStatus
 
 # errors on recordings that were left out over those of the fit, from which on the fit fails there
 WORSE = 2.0
@@ -46,6 +46,8 @@ class RigidStatus(ExplainedStatus):
         "Check units, signs, sides and offsets of the recordings, the directions of the joints, gear ratios, gravity, "
         "payload and counterbalance.",
     )
+    TIME_LIMIT = OUT_OF_TIME
+    INTERRUPTED = STOPPED
 
     @property
     def has_deviations(self) -> bool:

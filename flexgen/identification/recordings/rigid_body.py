@@ -15,6 +15,7 @@ Source: M. Gautier and W. Khalil, IEEE TRA 6(3), 1990 (base parameters); P. Wens
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from flexgen.analysis.rigid_columns import BLOCK, Columns, band_of
 from flexgen.analysis.rigid_mistakes import Mistake, find_causes
 from flexgen.analysis.rigid_model import rigid_model
 from flexgen.analysis.rigid_regressor import Motion, Regressor
+from flexgen.deadline import best_known, is_over, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings import rigid_accuracy
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
@@ -224,11 +226,14 @@ def identify_rigid(
         )
         if not (error_rms > rigid_accuracy.NOTICED * scale).any():
             break
+        if is_over():
+            break
         mistake, more = find_causes(whole, limit, at[:2], terms, error, weight, information)
         if not more.any():
             break
         flat, at = _with_fades(flat, flat.fades + more, at)
-    there = None if parts == 0 else _leave_out(columns, weak, at, sd, parts)
+    skipped = parts == 0 or is_over()
+    there = None if skipped else _leave_out(columns, weak, at, sd, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
     possible = is_possible(
         robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale, flat.fades
@@ -236,6 +241,8 @@ def identify_rigid(
     settled = change < max(SETTLED * flat.period, SETTLED_SD * np.sqrt(found[-1, -1]))
     if mistake is not None or not settled or not possible:
         status = RigidStatus.MODEL_ERROR
+    if reason := reason_of_end():
+        status = RigidStatus.of_value(reason)
     return RigidFit(
         model=rigid_model(
             robot, regressor.bodies(at.pi), extra, at.friction, flat.fades, flat.speed
@@ -266,6 +273,7 @@ def _settle(
     delay [s].
     """
     columns = (flat.bent(*at, limit) if at.friction.any() else flat).below(limit)
+    began = time.perf_counter()
     for k in range(MOST):
         before, at = at, _fit_bodies(columns, prior, at, sd)
         new = flat.fades
@@ -278,6 +286,9 @@ def _settle(
         sd = np.maximum(rms(error, columns.samples_to_judge()), 1e-9 * sd)
         change = abs(at.lags[-1] - before.lags[-1])
         if k + 1 >= ROUNDS and change < SETTLED * flat.period and still:
+            break
+        best_known(time.perf_counter() - began)
+        if is_over():
             break
     return flat, at, sd, change
 

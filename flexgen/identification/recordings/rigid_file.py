@@ -12,9 +12,11 @@ import numpy as np
 
 from flexgen.analysis.feasible_bodies import body_of, scales
 from flexgen.analysis.rigid_regressor import BODY, Motion
+from flexgen.deadline import fitting
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.gear_deflection import GearDeflection, gear_deflection
+from flexgen.identification.recordings.rigid_accuracy import RigidStatus
 from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.result import write_model
 from flexgen.mechanics.parameters import select
@@ -104,6 +106,7 @@ def identify_bodies(
     *,
     validate: str | Path | None = None,
     counterbalance: Mapping[str, int] | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> RigidIdentification:
     """Fit bodies and friction of a rigid arm to described recordings; see `identify_rigid`.
@@ -115,6 +118,8 @@ def identify_bodies(
         Descriptions of the recordings that are fitted, and of others that the fit must predict; without these, it is
         judged on parts of the recordings that are left out in turn.
     counterbalance : mapping, optional
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or ``interrupted``.
     progress : callable or bool, optional
     """
     data = read_description(recordings)
@@ -122,13 +127,15 @@ def identify_bodies(
     if callable(progress):
         progress(f"fitting the bodies of {model.name} to {len(data.recordings)} recordings")
     fitted = motions_of(data)
-    fit = identify_rigid(
-        model, fitted, counterbalance=counterbalance, **({} if others is None else {"parts": 0})
-    )
+    tell = progress if callable(progress) else None
+    more = {} if others is None else {"parts": 0}
+    with fitting("identify", time_limit, tell):
+        fit = identify_rigid(model, fitted, counterbalance=counterbalance, **more)
     errors = {"fitted": [fit.relative_errors(motion).tolist() for motion in fitted]}
     if others is not None:
         errors["validated"] = [fit.relative_errors(motion).tolist() for motion in others]
-        fit = fit.validated(fitted, others)
+        ended = fit.status in (RigidStatus.TIME_LIMIT, RigidStatus.INTERRUPTED)
+        fit = fit if ended else fit.validated(fitted, others)
     elif fit.left_out is not None:
         errors["left out"] = [fit.left_out.tolist()]
     gears = gear_deflections(fit, data)

@@ -1,0 +1,142 @@
+"""New model files that are written from an old one: relative paths, overlays, and the check of the text.
+
+A model file names other files, those of sampled paths and its URDF file, relative to its own folder. A new file in
+another folder gets the paths from there. A robot that was read from a URDF file without an overlay gets an overlay.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+from flexgen.atomic_files import check_writable, write_text
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.model.urdf_source import PACKAGE
+from flexgen.spec.toml_lines import Path as KeyPath
+from flexgen.spec.toml_lines import Scanner
+from flexgen.spec.toml_text import toml
+
+# Name of the keys whose values are paths: of the samples of a move, and of the URDF file of an overlay.
+PATH_KEY = "file"
+
+
+def text_of_model(model_file: str) -> tuple[str, Path]:
+    """The text of a model file, and the folder from which its relative paths begin.
+
+    Parameters
+    ----------
+    model_file : str
+        As in `RobotModel.file`: the path of a ``.toml`` file, or ``FILE.urdf#BASE:TIP``, whose text is an overlay.
+
+    Raises
+    ------
+    ArgumentError
+        The model is not from a file.
+    """
+    urdf, mark, ends = model_file.rpartition("#")
+    if mark and (urdf.endswith(".urdf") or urdf.startswith(PACKAGE)):
+        base, _, tip = ends.partition(":")
+        rows = [f"file = {toml(urdf)}", f"base = {toml(base)}", f"tip = {toml(tip)}"]
+        return "\n".join(["[urdf]", *rows, ""]), Path()
+    path = Path(model_file or "")
+    if not model_file or path.suffix != ".toml" or not path.is_file():
+        raise ArgumentError(
+            f"model file: given a model of {model_file!r}, which is no .toml file, expected one that was read from a "
+            ".toml or a .urdf file; the numbers are in the values of the result and in --json"
+        )
+    return path.read_text(encoding="utf-8"), path.parent
+
+
+def relocated(text: str, old: Path, new: Path) -> str:
+    """The text of a model file with its relative paths from another folder.
+
+    Parameters
+    ----------
+    text : str
+        With paths relative to the folder ``old``.
+    old, new : Path
+        Folders; ``new`` may be missing still.
+    """
+    here, there = os.path.realpath(old), os.path.realpath(new)
+    if here == there:
+        return text
+    text = text.replace("\r\n", "\n")
+    data, spans = tomllib.loads(text), Scanner(text).spans
+    for path, (start, end) in sorted(spans.items(), key=lambda item: item[1], reverse=True):
+        value = _value(data, path)
+        if not (isinstance(value, str) and _is_path(path, value)):
+            continue
+        text = text[:start] + toml(_from_folder(os.path.join(here, value), there)) + text[end:]
+    return text
+
+
+def _value(data: object, path: KeyPath) -> object:
+    for key in path:
+        data = data[key]  # type: ignore[index]
+    return data
+
+
+def _is_path(path: KeyPath, value: str) -> bool:
+    """Whether a text of a model file is a relative path; in variants the key is a dotted one."""
+    of_path = str(path[-1]).rpartition(".")[2] == PATH_KEY
+    outer = str(path[0])
+    known = outer in ("move", "urdf", "program", "variant")
+    return of_path and known and not value.startswith(PACKAGE) and not os.path.isabs(value)
+
+
+def _from_folder(path: str, folder: str) -> str:
+    """A path relative to a folder; absolute where there is no way between them, as between disks."""
+    try:
+        relative = os.path.relpath(path, folder)
+    except ValueError:
+        return os.path.normpath(path)
+    return Path(relative).as_posix()
+
+
+def write_model_text(
+    path: str | Path,
+    text: str,
+    folder: Path,
+    variant: str | None = None,
+    check: Callable[[RobotModel], None] | None = None,
+    dry: bool = False,
+) -> Path:
+    """Write the text of a model file, if it can be read again.
+
+    Parameters
+    ----------
+    path : str or Path
+    text : str
+        With paths relative to ``folder``; those of the file are relative to its own folder.
+    folder : Path
+    variant : str, optional
+        That is read.
+    check : callable, optional
+        Of the model that was read; raises an error where it is not the right one.
+    dry : bool
+        Write nothing: everything that can refuse to be written is checked.
+
+    Raises
+    ------
+    ArgumentError
+        The name does not end in ``.toml``, or the file cannot be written.
+    ModelError
+        The text is not that of a model.
+    """
+    target = Path(path)
+    if target.suffix != ".toml":
+        raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
+    with tempfile.TemporaryDirectory() as place:  # what cannot be read again is not written
+        inner = Path(place)
+        again = read(write_text(inner / "model.toml", relocated(text, folder, inner)), variant)
+    if check is not None:
+        check(again)
+    if dry:
+        check_writable(target)
+        return target
+    return write_text(target, relocated(text, folder, target.parent))
