@@ -171,12 +171,7 @@ class InversionProblem:
     def too_rough(self) -> tuple[str, ...]:
         """Warnings where a path is too rough for a continuous torque, with the error, or its samples not at rest."""
         report, name = self.smoothness, self.path.move.name
-        ends = [
-            line
-            for segment in self.path.segments
-            for line in getattr(segment.curve, "in_motion", ())
-        ]
-        moving = tuple(f"move {name}: {line}" for line in ends)
+        moving = tuple(f"move {name}: {line}" for line in self.path.notes)
         if report.sufficient:
             return moving
         lines = report.lines()

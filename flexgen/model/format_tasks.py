@@ -445,6 +445,7 @@ _OUTPUTS = Type(
     ),
     vector().schema,
 )
+_SMOOTH = "largest deviation from the samples; a smooth path instead of one through them"
 _SAMPLED = "path of a .csv or .npz file, relative to the folder of this file"
 _TO = "straight line in the joint coordinates, to these or to a pose of the tool"
 _AT_START = "m, world axes, from the start"
@@ -473,6 +474,7 @@ MOVE = Kinds(
                 *_time(sampled=True),
                 RADIUS_KEY,
                 Key("degree", among(*DEGREES), "degree of the spline", default=7),
+                Key("smooth", number(above=0.0), _SMOOTH, "rad; m", default=0.0),
                 Key("file", Type(_read_samples, text().schema), _SAMPLED),
             ),
             make=Move,

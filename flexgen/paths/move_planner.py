@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,7 @@ from flexgen.paths.timed_segments import (
 
 if TYPE_CHECKING:
     from flexgen.inverse_kinematics.targets import Failure
+    from flexgen.paths.spline import SplineCurve
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
 NO_ROTATION = np.zeros(3)
@@ -97,7 +99,7 @@ class _Planner:
             self._bounds(move.joint_profile, "joint_profile")
             segments = self._program(move)
         elif move.type == "sampled":
-            segments = [self._plan_samples()]
+            segments = self._plan_samples()
         else:
             space, curve, speeds = self._curve()
             segments = [TimedSegment(space, curve, self._law(space, curve, speeds))]
@@ -265,11 +267,11 @@ class _Planner:
             return f"a rotation about the axis of the output, {output.axis_text}: a multiple of it"
         return ""
 
-    def _plan_samples(self) -> TimedSegment:
-        """The segment of a path through the samples of a file; sets the joint configuration at the start."""
+    def _plan_samples(self) -> list[TimedSegment]:
+        """The path through the samples of a file, from turn to turn; sets the joints at the start."""
         from flexgen.paths.sample_angles import with_angles
         from flexgen.paths.sample_files import read_samples
-        from flexgen.paths.spline import SplineCurve
+        from flexgen.paths.spline import SplineCurve, turns_of
 
         move, reference = self.move, self.reference
         if move.degree not in DEGREES:
@@ -293,9 +295,6 @@ class _Planner:
         if not samples.timed and not move.profile and not move.duration > 0:
             expected = "a duration and smoothness, or a profile, because the file has no column t"
             raise wrong(move.where, self.name, "duration", move.duration, expected)
-        if not samples.timed and len(samples.values) <= move.degree:
-            expected = f"more than {move.degree} samples, or a lower degree"
-            raise ModelError(move.file, 0, "file", f"{len(samples.values)} samples", expected)
         fixed = None
         if samples.space != "joint":
             self.q_g = self._numbers("start", move.start, self.model.n_g)
@@ -303,20 +302,36 @@ class _Planner:
             fixed = reference.tool_pose(self.q_g)[1]
         if samples.space == "tool" and self.model.output.has_angle:
             samples = with_angles(samples, self.model, *reference.tool_start(self.q_g))
-        curve = SplineCurve(samples, move.degree, move.radius, fixed)
+        turns = turns_of(samples, move.radius)
+        if not samples.timed and not turns and len(samples.values) <= move.degree:
+            expected = f"more than {move.degree} samples, or a lower degree"
+            raise ModelError(move.file, 0, "file", f"{len(samples.values)} samples", expected)
+        parts = [samples.part(*ends) for ends in pairwise([0, *turns, len(samples.values) - 1])]
+        curves = [SplineCurve(part, move.degree, move.radius, fixed, move.smooth) for part in parts]
         if samples.space == "joint":
             self.q_g = samples.values[0]
         else:
-            first = TimedSegment(samples.space, curve, Clock(1.0, 0)).at(np.zeros(1))
+            first = TimedSegment(samples.space, curves[0], Clock(1.0, 0)).at(np.zeros(1))
             self.q_g = InverseKinematics(reference.equations).follow(
                 reference.sample(samples.space, *first), self.q_g
             )[0]
-        law = (
-            Clock(curve.length, (move.degree - 1) // 2)
-            if samples.timed
-            else self._law(samples.space, curve)
-        )
-        return TimedSegment(samples.space, curve, law)
+        if samples.timed:
+            law = Clock(curves[0].length, (move.degree - 1) // 2)
+            return [TimedSegment(samples.space, curves[0], law)]
+        return self._there_and_back(samples.space, curves)
+
+    def _there_and_back(self, space: str, curves: Sequence[SplineCurve]) -> list[TimedSegment]:
+        """Curves from turn to turn, with a stop at each; in a given duration with equal largest accelerations."""
+        roots = np.sqrt([curve.length for curve in curves])
+        segments: list[TimedSegment] = []
+        start = 0.0
+        for curve, share in zip(curves, roots / roots.sum(), strict=True):
+            law = self._law(space, curve)
+            if len(curves) > 1 and not self.move.profile:
+                law = TimeLaw(share * self.move.duration, self.move.smoothness, curve.length)
+            segments.append(TimedSegment(space, curve, law, start))
+            start += law.duration
+        return segments
 
     # --- polylines and programs ---------------------------------------------------------------------------------------
     def _polyline(

@@ -100,6 +100,12 @@ class Path(Result):
         """Instants at which a derivative up to order 5 may jump [s], including both ends."""
         return np.unique(np.concatenate([segment.breaks for segment in self.segments]))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on samples of the path: their deviation, their noise, kinks, and motion at their ends."""
+        lines = (line for segment in self.segments for line in getattr(segment.curve, "notes", ()))
+        return tuple(dict.fromkeys(lines))
+
     def to_dict(self) -> dict[str, Any]:
         """Duration, start and segments as JSON types, SI units."""
         rows = [(s.space, s.start, s.law.duration, s.smoothness) for s in self.segments]
@@ -111,6 +117,7 @@ class Path(Result):
             "smoothness": self.smoothness,
             "q_start": self.q_start.tolist(),
             "segments": [dict(zip(names, row, strict=True)) for row in rows],
+            **({"notes": list(self.notes)} if self.notes else {}),
         }
 
     def table(self) -> np.ndarray:

@@ -51,7 +51,8 @@ def with_angles(samples: Samples, model: RobotModel, start: np.ndarray, R: np.nd
         angles = np.full(n, start[POSITION])
     angles = np.unwrap(angles)
     angles = angles - 2 * np.pi * np.round((angles[0] - start[POSITION]) / (2 * np.pi))
-    return replace(samples, values=np.column_stack([samples.values, angles]), quaternions=None)
+    values = np.column_stack([samples.values, angles])
+    return replace(samples, values=values, names=(*samples.names, "angle"), quaternions=None)
 
 
 def _rotations(q: np.ndarray, model: RobotModel, R: np.ndarray) -> np.ndarray:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import re
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, NoReturn
 
@@ -14,7 +15,7 @@ import numpy as np
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import OF_ROTATION, RobotModel
 from flexgen.npz_files import NpzError, read_npz
-from flexgen.paths.jets import axis_angle
+from flexgen.paths.jets import axis_angle, quaternion_product
 from flexgen.spec.tables import closest
 
 ROWS_MAX = 200_000
@@ -24,16 +25,26 @@ LINES_MAX = 2 * ROWS_MAX  # including comments and empty lines
 UNIT = 1e-3  # largest deviation of a quaternion's norm from 1
 ROTATION_MAX = np.pi / 2  # rad from one sample to the next
 LARGEST = 1e9
+# Shortest step of t or u over the median of the steps: below it, the spline through both rows swings.
+SHORTEST = 1e-4
 
 POSITION = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 VECTOR = ("rx", "ry", "rz")
 ANGLE = ("angle",)  # of an output with the rotation about one axis
+# Rotations about the fixed x, y and z axes, in this order, as `rpy` in model files.
+EULER = ("roll", "pitch", "yaw")
+# Factors of the units that a column may state, to those of a path.
+UNITS_OF_LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+UNITS_OF_ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180.0}
+UNITS_OF_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+_WITH_UNIT = re.compile(r"(?P<name>\w+?)(?:_|\s*\[\s*|\s+)(?P<unit>[a-z]+)\s*\]?\Z")
 PACKED = {
     "p": POSITION,
     "quaternion": QUATERNION,
     "rotation_vector": VECTOR,
     "angle": ANGLE,
+    "rpy": EULER,
     "t": ("t",),
     "u": ("u",),
 }
@@ -46,7 +57,8 @@ class Samples:
     ``space``: ``"tool"``, ``"output"`` or ``"joint"``; ``values`` (n, d): tool positions [m], outputs or actuated
     coordinates; ``quaternions`` (n, 4) (w, x, y, z) of the tool's orientation in the world, or None; ``knots`` (n):
     time [s] where ``timed``, else a parameter, or None. ``angles`` (n,) [rad]: of the tool about
-    the axis of an output of type ``tool_position_angle``, or None.
+    the axis of an output of type ``tool_position_angle``, or None. ``lines`` (n,): of the rows in
+    the file, or None; ``names`` (d,): of the columns of ``values``.
     """
 
     space: str
@@ -55,6 +67,21 @@ class Samples:
     knots: np.ndarray | None
     timed: bool
     angles: np.ndarray | None = None
+    lines: np.ndarray | None = None
+    names: tuple[str, ...] = ()
+
+    def part(self, first: int, last: int) -> Samples:
+        """The samples from one to another, both included."""
+        chosen = slice(first, last + 1)
+        arrays: dict[str, Any] = {
+            name: None if getattr(self, name) is None else getattr(self, name)[chosen]
+            for name in ("values", "quaternions", "knots", "angles", "lines")
+        }
+        return replace(self, **arrays)
+
+    def line(self, k: int) -> str:
+        """The line of a sample in its file, for a message; empty where it is not known."""
+        return "" if self.lines is None else f" (line {self.lines[k]})"
 
 
 class _File:
@@ -64,6 +91,15 @@ class _File:
         self.name = path
         self.joints = tuple(model.coordinates[i].name for i in model.i_g)
         self.outputs = tuple(f"y{k + 1}" for k in range(model.output.size))
+        of_joint = {"rad": UNITS_OF_ANGLE, "m": UNITS_OF_LENGTH}
+        self.units = {name: UNITS_OF_LENGTH for name in POSITION}
+        self.units |= dict.fromkeys((*VECTOR, *EULER), UNITS_OF_ANGLE)
+        self.units |= dict.fromkeys(self.outputs, of_joint.get(model.output.unit, {}))
+        self.units |= {
+            model.coordinates[i].name: of_joint[model.coordinates[i].unit] for i in model.i_g
+        }
+        if "t" not in self.joints:
+            self.units["t"] = UNITS_OF_TIME
         file = FilePath(path)
         try:
             if not file.is_file():
@@ -115,7 +151,10 @@ class _File:
         if not head:
             self.fail(1, "file", "an empty file", "a header row and rows of numbers")
         names = [name.strip().strip('"') for name in head]
-        most = len({*POSITION, *QUATERNION, *VECTOR, *self.joints, *self.outputs, "t", "u"})
+        known = {*POSITION, *QUATERNION, *VECTOR, *EULER, *self.joints, *self.outputs, "t", "u"}
+        most = len(known)
+        units = [self._unit(line, name) for name in names]
+        names = [name for name, _ in units]
         for k, name in enumerate(names[: most + 1]):
             if not name or name in names[:k]:
                 self.fail(
@@ -137,7 +176,21 @@ class _File:
                 self._number(line, name, cell) for name, cell in zip(names, cells, strict=True)
             )
         table = np.array(values).reshape(len(lines), len(names))
+        table *= [factor for _, factor in units]
         return dict(zip(names, table.T, strict=True)), np.array(lines, dtype=int)
+
+    def _unit(self, line: int, label: str) -> tuple[str, float]:
+        """The name of a column and the factor of its unit: ``x_mm``, ``q1_deg``, ``t [ms]``; 1 without a unit."""
+        units = self.units
+        found = _WITH_UNIT.match(label)
+        if label in units or found is None or found["name"] not in units:
+            return label, 1.0
+        factors = units[found["name"]]
+        if found["unit"] not in factors:
+            self.fail(
+                line, label, f'the unit "{found["unit"]}"', f"one of {', '.join(factors)}, or none"
+            )
+        return found["name"], factors[found["unit"]]
 
     def _number(self, line: int, name: str, cell: str) -> float:
         try:
@@ -194,11 +247,12 @@ class _File:
 def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     """Read a file of samples of a path.
 
-    A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets. Optional: ``t`` (time
-    [s], increasing) or ``u`` (an increasing parameter). Then either ``x, y, z`` [m, world axes] (``p``), optionally the
-    orientation as ``qw, qx, qy, qz`` (``quaternion``) or ``rx, ry, rz`` [rad]
-    (``rotation_vector``), or ``angle`` [rad] of an output with it; or the names of
-    the actuated coordinates [rad or m] (``q_g``), or ``y1, y2, ...`` (``y``), the outputs.
+    A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets. Optional: ``t``
+    (time [s], increasing) or ``u`` (an increasing parameter). Then either ``x, y, z`` [m, world axes] (``p``), or the
+    names of the actuated coordinates [rad or m] (``q_g``), or ``y1, y2, ...`` (``y``), the outputs. With positions
+    optionally the orientation as ``qw, qx, qy, qz`` (``quaternion``), ``rx, ry, rz`` [rad] (``rotation_vector``) or
+    ``roll, pitch, yaw`` [rad] (``rpy``: about the fixed x, y and z axes, in this order), or ``angle`` [rad] of an
+    output with it. A column of a ``.csv`` file may state its unit: ``x_mm``, ``q1_deg``, ``yaw_deg``, ``t [ms]``.
 
     Parameters
     ----------
@@ -253,7 +307,7 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
         angles = _angles(file, model, q is not None)
     if file.columns:
         name = next(iter(file.columns))
-        known = (*POSITION, *QUATERNION, *VECTOR, *ANGLE, *joints, *outputs, "t", "u")
+        known = (*POSITION, *QUATERNION, *VECTOR, *EULER, *ANGLE, *joints, *outputs, "t", "u")
         file.fail(1, name, "an unknown column", closest(name, known))
     if knots is None and n > 1:
         same = np.abs(np.diff(values, axis=0)).max(axis=1) == 0
@@ -267,7 +321,8 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
                 "the same values as in the row before",
                 "different rows, or a column t or u",
             )
-    return Samples(space, values, q, knots, timed, angles)
+    names = {"joint": joints, "output": outputs, "tool": POSITION}[space]
+    return Samples(space, values, q, knots, timed, angles, file.lines, names)
 
 
 def _has_joints(file: _File, tool: bool) -> bool:
@@ -308,7 +363,29 @@ def _knots(file: _File, joints: tuple[str, ...]) -> tuple[np.ndarray | None, boo
             f"{knots[i]:g} after {knots[i - 1]:g}",
             "increasing values",
         )
+    steps = np.diff(knots)
+    short = np.flatnonzero(steps < SHORTEST * np.median(steps)) if len(steps) else steps
+    if len(short):
+        i = int(short[0]) + 1
+        file.fail(
+            int(file.lines[i]),
+            given[0],
+            f"a step of {steps[i - 1]:.3g} from the row before, where the others are about {np.median(steps):.3g}",
+            f"steps of at least {SHORTEST:g} of the others: a spline through rows that are nearly at the same {given[0]} "
+            "swings without bound; remove one of the two rows",
+        )
     return knots, given[0] == "t"
+
+
+def _quaternions_of(angles: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) of rotations about the fixed x, y and z axes by these angles (n, 3) [rad]."""
+    half = angles[:, :, None] / 2
+    turns = [
+        np.concatenate([np.cos(half[:, k]), np.sin(half[:, k]) * np.eye(3)[k]], axis=1)[:, :, None]
+        for k in range(3)
+    ]
+    x, y, z = turns
+    return quaternion_product(z, quaternion_product(y, x))[:, :, 0]
 
 
 def _orientation(file: _File) -> np.ndarray | None:
@@ -331,6 +408,8 @@ def _orientation(file: _File) -> np.ndarray | None:
         for i, vector in enumerate(file.take(VECTOR)):
             axis, angle = axis_angle(vector)
             q[i] = np.cos(angle / 2), *(np.sin(angle / 2) * axis)
+    elif any(name in file.columns for name in EULER):
+        q = _quaternions_of(file.take(EULER))
     else:
         return None
     for i in range(1, len(q)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, KroghInterpolator, make_interp_spline
 
 from flexgen.errors import ArgumentError
 from flexgen.paths.arc_length import ArcTable
@@ -19,6 +19,7 @@ from flexgen.paths.jets import (
     square_root,
 )
 from flexgen.paths.sample_files import Samples
+from flexgen.paths.sample_smoothing import kinks_of, noise_warnings, smooth_spline
 from flexgen.paths.segments import POSITION
 
 # from so many samples on, speed of the first or last interval over the largest: not from rest
@@ -26,8 +27,41 @@ MANY, FAST = 20, 0.3
 MIN_SPEED = 1e-3  # of the mean |dp/du|; below it arc length cannot be the parameter
 
 
+def lengths_of(samples: Samples) -> int:
+    """Number of the first columns that are lengths; those of a tool may have an angle [rad] after them."""
+    width = samples.values.shape[1]
+    return min(width, POSITION) if samples.space == "tool" else width
+
+
+def distances(samples: Samples, radius: float) -> np.ndarray:
+    """Sums (n,) of the distances from sample to sample [m]; a rotation by an angle counts as ``radius`` times it."""
+    steps = np.diff(samples.values, axis=0)
+    lengths = lengths_of(samples)
+    distance = np.linalg.norm(steps[:, :lengths], axis=1)
+    for turn in steps[:, lengths:].T:
+        distance = np.hypot(distance, radius * turn)
+    if samples.quaternions is not None:
+        turn = 2 * radius * np.linalg.norm(np.diff(samples.quaternions, axis=0), axis=1)
+        distance = np.hypot(distance, turn)
+    return np.concatenate([[0.0], np.cumsum(distance)])
+
+
+def turns_of(samples: Samples, radius: float) -> list[int]:
+    """Numbers of the samples at which a path without times turns back: its direction changes by more than 90 deg."""
+    if samples.knots is not None:
+        return []
+    steps = np.diff(samples.values, axis=0)
+    steps[:, lengths_of(samples) :] *= radius
+    if samples.quaternions is not None:
+        steps = np.hstack([steps, 2 * radius * np.diff(samples.quaternions, axis=0)])
+    return [int(k) + 1 for k in np.flatnonzero((steps[1:] * steps[:-1]).sum(axis=1) < 0.0)]
+
+
 class SplineCurve:
-    """The interpolating spline of odd ``degree`` through samples.
+    """The interpolating spline of odd ``degree`` through samples, or near them.
+
+    ``smooth`` > 0: the largest deviation from the samples, in the unit of each of their columns, of orientations as an
+    angle [rad]; see `flexgen.paths.sample_smoothing`. ``notes``: sentences on the samples, for a user.
 
     If the samples have times, the parameter is the time from 0, and the first ``(degree - 1)/2`` derivatives are zero
     at both ends: the path is at rest there. Otherwise the parameter is the arc length; if only the orientation changes,
@@ -35,37 +69,27 @@ class SplineCurve:
     """
 
     def __init__(
-        self, samples: Samples, degree: int, radius: float, R_fixed: np.ndarray | None = None
+        self,
+        samples: Samples,
+        degree: int,
+        radius: float,
+        R_fixed: np.ndarray | None = None,
+        smooth: float = 0.0,
     ) -> None:
         values, q = samples.values, samples.quaternions
         self.timed, self.radius, self.degree, self.fixed = samples.timed, radius, degree, R_fixed
         self.width = values.shape[1]
-        # columns that are lengths; those of a tool may have an angle [rad] after them
-        self.lengths = min(self.width, POSITION) if samples.space == "tool" else self.width
+        self.lengths = lengths_of(samples)
         both = values if q is None else np.hstack([values, q])
-        knots = samples.knots
-        if knots is None:
-            steps = np.diff(values, axis=0)
-            distance = np.linalg.norm(steps[:, : self.lengths], axis=1)
-            for turn in steps[:, self.lengths :].T:
-                distance = np.hypot(distance, radius * turn)
-            if q is not None:
-                distance = np.hypot(
-                    distance, 2 * radius * np.linalg.norm(np.diff(q, axis=0), axis=1)
-                )
-            knots = np.concatenate([[0.0], np.cumsum(distance)])
+        knots = samples.knots if samples.knots is not None else distances(samples, radius)
         self.scale = float(knots[-1] - knots[0]) / (len(knots) - 1)
         knots = (knots - knots[0]) / self.scale
-        ends = None
-        if self.timed:
-            at_rest = [(k, np.zeros(both.shape[1])) for k in range(1, (degree - 1) // 2 + 1)]
-            ends = (at_rest, at_rest)
-        self.in_motion = _in_motion(knots, values) if self.timed and len(values) >= MANY else ()
-        spline = make_interp_spline(knots, both, k=degree, bc_type=ends)
+        spline = self._spline(knots, both, smooth)
         self._splines = [spline.derivative(k) if k else spline for k in range(JET)]
         self._moves = bool(np.ptp(values[:, : self.lengths], axis=0).max() > 0)
         self.smoothness = degree - 1
         inner = np.unique(spline.t)
+        self.notes = self._notes(samples, knots, spline, smooth)
         if self.timed:
             self.length = float(knots[-1]) * self.scale
             self.breaks = inner * self.scale if self.smoothness < JET - 1 else np.zeros(0)
@@ -77,14 +101,64 @@ class SplineCurve:
         tangents = self._splines[1](fine)
         back = (tangents[1:] * tangents[:-1]).sum(axis=1) < 0
         if back.any() or not speeds.min() > MIN_SPEED * speeds.mean():
-            at = int(np.argmax(back) if back.any() else np.argmin(speeds)) // 8
+            at = min(int(np.argmax(back) if back.any() else np.argmin(speeds)) // 8, len(knots) - 1)
             raise ArgumentError(
-                f"samples: given a path that stops or reverses near sample {at + 1}, expected one that moves forward; "
-                "to stop on the path, add a column t with the time of each sample"
+                f"samples: given a path that stops or reverses near sample {at + 1}{samples.line(at)}, expected one "
+                "that moves forward; to stop on the path, add a column t with the time of each sample"
             )
         self.breaks = np.zeros(0)
         if self.smoothness < JET - 1:
             self.breaks = np.interp(inner, self.table.knots, self.table.lengths)
+
+    def _spline(self, knots: np.ndarray, both: np.ndarray, smooth: float) -> BSpline:
+        """The spline through the samples, or near them; sets `deviation`."""
+        degree, self.deviation, self.inner_knots = self.degree, 0.0, 0
+        if smooth:
+            angles = both.shape[1] - self.width
+            found = smooth_spline(knots, both, degree, smooth, angles, rest=self.timed)
+            self.deviation, self.inner_knots = found.deviation, found.knots
+            return found.spline
+        if not self.timed and len(knots) <= degree:  # one polynomial, in the degree of the others
+            polynomial = KroghInterpolator(knots, both)
+            knots = np.linspace(0.0, knots[-1], degree + 1)
+            both = polynomial(knots)
+        ends = None
+        if self.timed:
+            at_rest = [(k, np.zeros(both.shape[1])) for k in range(1, (degree - 1) // 2 + 1)]
+            ends = (at_rest, at_rest)
+        return make_interp_spline(knots, both, k=degree, bc_type=ends)
+
+    def _notes(
+        self, samples: Samples, knots: np.ndarray, spline: BSpline, smooth: float
+    ) -> tuple[str, ...]:
+        """Sentences on samples that a path cannot follow as they are: in motion at an end, noise, kinks."""
+        values, many = samples.values, len(samples.values) >= MANY
+        notes = list(_in_motion(knots, values) if self.timed and many else ())
+        if smooth:
+            notes.append(
+                f"its path is at most {self.deviation:.2g} from the samples (smooth = {smooth:g}), with "
+                f"{self.inner_knots} knots"
+            )
+            return tuple(notes)
+        names = samples.names or tuple(f"column {k + 1}" for k in range(self.width))
+        scale = self.scale if self.timed else 1.0
+        kinks = kinks_of(knots, values, self.timed)
+        if kinks:
+            at, turn = kinks[0]
+            what = (
+                f"the speed changes by {100 * turn:.0f} % of its largest value"
+                if self.timed
+                else f"the direction changes by {np.degrees(turn):.0f} deg"
+            )
+            more = f", and at {len(kinks) - 1} more" if len(kinks) > 1 else ""
+            notes.append(
+                f"its samples have a kink at sample {at + 1}{samples.line(at)}{more}: {what} from one sample to the "
+                "next, which no smooth path follows; the path swings about the samples there: round the corner in "
+                "the samples, or set smooth to the largest deviation that is allowed"
+            )
+        if many and not kinks:
+            notes += noise_warnings(knots, values, spline, names, scale, self.timed)
+        return tuple(notes)
 
     def _at(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Jets of position and quaternion in the parameter of the spline."""

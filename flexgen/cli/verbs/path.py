@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from functools import partial
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
 
 from flexgen.atomic_files import write_text
-from flexgen.cli.result import Progress, VerbResult, check_own, read_model, with_files
+from flexgen.cli.result import Progress, VerbResult, Writer, check_own, read_model, with_files
+
+if TYPE_CHECKING:
+    from flexgen.paths.path import Path
 
 
 def path(args: Namespace, log: Progress) -> VerbResult:
@@ -18,11 +24,15 @@ def path(args: Namespace, log: Progress) -> VerbResult:
     planned = plan(
         robot, find_move_in(args.moves, args.move, robot), ignore_limits=args.ignore_limits
     )
-    if args.out is not None:
-        from flexgen.codegen.path_header import path_header
+    files: dict[str, Writer] = {} if args.out is None else {"table": partial(_write, planned, args)}
+    notes = [f"move {planned.move.name}: {line}" for line in planned.notes]
+    return with_files(planned.to_text(), planned.to_dict(), files, warnings=notes)
 
-        write_text(
-            args.out, path_header(robot, planned.move.name, planned.table(), planned.duration)
-        )
-    files = {} if args.out is None else {"table": args.out}
-    return with_files(planned.to_text(), planned.to_dict(), files)
+
+def _write(planned: Path, args: Namespace) -> FilePath:
+    """Write the table of a path as a C header."""
+    from flexgen.codegen.path_header import path_header
+
+    model = planned.equations.model
+    header = path_header(model, planned.move.name, planned.table(), planned.duration)
+    return write_text(args.out, header)
