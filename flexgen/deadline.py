@@ -4,8 +4,8 @@
 after Ctrl-C, also where a library in C++ has caught that exception and reported a failure. Outside of `running` there
 is no limit.
 
-`fitting` is `running` for a fit, whose best step so far is its result. Until a first step is known (`best_known`) the
-end of the time and Ctrl-C end the call. From then on they end the searches (`searching`) only, and what computes the
+`limit_fit` is `running` for a fit, whose best step so far is its result. Until a first step is known (`best_known`) the
+end of the time and Ctrl-C end the call. From then on they end the searches (`keep_best`) only, and what computes the
 result from the best step runs to its end; a second Ctrl-C ends the call. `is_over` says that what is left can be
 left out, `reason_of_end` why the result is not the end of the search.
 """
@@ -103,7 +103,7 @@ def running(seconds: float | None) -> Iterator[Deadline]:
 
 
 @contextmanager
-def fitting(
+def limit_fit(
     name: str, seconds: float | None, tell: Callable[[str], None] | None = None
 ) -> Iterator[Deadline]:
     """Within: the time limit [s] of a fit, whose searches end with their best step; None or 0: unlimited.
@@ -160,7 +160,7 @@ def best_known(step_s: float = 0.0) -> None:
 
 
 @contextmanager
-def searching() -> Iterator[None]:
+def keep_best() -> Iterator[None]:
     """Within: a search of a fit, whose best step so far is kept where the end of the time or Ctrl-C ends it.
 
     Outside of a fit, and before its first step is known, these errors pass.

@@ -22,7 +22,7 @@ from flexgen.calibration.poses import StaticPoses
 from flexgen.calibration.result import Calibration
 from flexgen.calibration.statics import Numbers, Statics
 from flexgen.calibration.tree import Tree
-from flexgen.deadline import fitting, is_over, reason_of_end, searching
+from flexgen.deadline import is_over, keep_best, limit_fit, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import refuse_harmonics
@@ -110,7 +110,7 @@ def calibrate(
     data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot)
     _check(robot, data, len(trackers), folds)
     unknowns = unknowns_of(tree, free, place, priors or Priors())
-    with fitting("calibrate", time_limit, tell):
+    with limit_fit("calibrate", time_limit, tell):
         study = _Study(Statics(tree, data.commands), data.positions, unknowns, robust)
         found = find_start(study.statics, data, place, tell)
         frames = unknowns_of(tree, (), place, priors or Priors())
@@ -125,7 +125,7 @@ def calibrate(
         checked = folds > 0 and not reason
         held_out, seen = None, None
         if checked:
-            with searching():
+            with keep_best():
                 held_out, seen = study.cross_validate(result, tilt, folds, tell)
     stiff = study.statics.rest(Numbers.of(tree, unknowns, result.x), rigid=True)
     return Calibration(

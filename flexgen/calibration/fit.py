@@ -17,7 +17,7 @@ import numpy as np
 
 from flexgen.calibration.parameters import Unknown
 from flexgen.calibration.statics import Near, Numbers, Rest, Statics
-from flexgen.deadline import best_known, check_time, is_over, searching
+from flexgen.deadline import best_known, check_time, is_over, keep_best
 from flexgen.errors import SolverError
 
 TUNING = 2.5  # k of Huber's function: 2.5 standard deviations of one axis
@@ -198,7 +198,7 @@ def fit(
     x, converged, straight = np.maximum(start.astype(float), problem.lower), False, True
     rest, gap, lengths = problem.evaluate(x, near)
     best_known()
-    with searching():
+    with keep_best():
         for count in range(STEPS):
             if is_over():
                 break

@@ -44,7 +44,7 @@ def write_calibrated(
     return write_model_text(path, new, folder, VARIANT, dry=dry)
 
 
-def check_written(path: str | Path, model: RobotModel) -> None:
+def check_file(path: str | Path, model: RobotModel) -> None:
     """Check before a fit that `Calibration.write` can write the new model file; errors as there."""
     write_calibrated(path, model, {}, "check", dry=True)
 

@@ -9,7 +9,6 @@ from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ import flexgen
 from flexgen.atomic_files import check_writable
 from flexgen.deadline import INTERRUPTED
 from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.registry import find_function
 from flexgen.verb_parameters import defaults_of
 
 if TYPE_CHECKING:
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 Progress = Callable[[str], None]  # prints a progress message
 Writer = Callable[[], Path]  # writes a file of a result and returns its path
 # By the public function of a verb that fits: the endings of the files that its result can be
-# written to, and the function that checks before the fit that a model file can have its numbers.
+# written to, and the class of it that checks before the fit that a model file can have its numbers.
 WRITERS = {
     "identify_load": ((".json", ".npz"), ""),
     "identify_servo": ((".toml", ".json"), ""),
-    "identify_gears": ((".toml", ".json", ".npz"), "flexgen.gears.result:check_written"),
-    "identify": ((".toml",), "flexgen.identification.result:check_written"),
-    "calibrate": ((".toml",), "flexgen.calibration.result:check_written"),
+    "identify_gears": ((".toml", ".json", ".npz"), "GearFit"),
+    "identify": ((".toml",), "Estimated"),
+    "calibrate": ((".toml",), "Calibration"),
 }
 
 
@@ -137,13 +137,12 @@ def check_model_file(args: Namespace, *given: Any) -> None:
     if out is None or checks is None:
         return
     endings, place = checks
-    if out.suffix not in endings:
+    if Path(out).suffix not in endings:
         raise ArgumentError(
             f"--out: given {str(out)!r}, expected a name that ends in {' or '.join(endings)}"
         )
-    if place and out.suffix == ".toml" and given:
-        module, _, name = place.partition(":")
-        getattr(import_module(module), name)(out, *given)
+    if place and Path(out).suffix == ".toml" and given:
+        find_function(f"{place}.check_file")(out, *given)
 
 
 def check_own(path: Path | None, mark: bytes) -> None:
@@ -191,12 +190,13 @@ def with_files(
     data: Mapping[str, Any],
     files: Mapping[str, Path | Writer | None],
     problem: str = "",
+    after: Mapping[str, str] | None = None,
     **more: Any,
 ) -> VerbResult:
     """The result of a verb with files: their paths are in the data, and a line each below the text.
 
     ``files``: paths, or functions that write a file and return its path. Where one cannot be written, the result has
-    the reason as a problem, and everything else is printed.
+    the reason as a problem, and everything else is printed. ``after``: words behind the paths of some.
     """
     paths: dict[str, Path | None] = {}
     failures: list[str] = []
@@ -208,7 +208,10 @@ def with_files(
         except KeyboardInterrupt:
             failures.append(f"{key.replace('_', ' ')} not written: interrupted")
             more["interrupted"] = True
-    lines = "\n".join(f"wrote {path}" for path in paths.values() if path is not None)
+    words = after or {}
+    lines = "\n".join(
+        f"wrote {path}{words.get(key, '')}" for key, path in paths.items() if path is not None
+    )
     named = {key: None if paths.get(key) is None else str(paths[key]) for key in files}
     whole = "; ".join(filter(None, [problem, *failures]))
     more["unwritten"] = bool(failures)

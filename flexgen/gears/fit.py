@@ -31,7 +31,7 @@ from scipy.signal.windows import tukey
 from scipy.stats import chi2
 
 from flexgen.analysis.rests_of_motors import MOVING
-from flexgen.deadline import check_time, is_over, searching
+from flexgen.deadline import check_time, is_over, keep_best
 from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import DrivenArm, MotorMotion, Sought
 from flexgen.gears.motor_friction import MotorFriction
@@ -393,7 +393,7 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         if fit.wrong or (not dropped and close != CLOSE[0]):
             break
     found: Estimate | None = None
-    with searching():
+    with keep_best():
         for n, draws in enumerate((*DRAWS, *DRAWS[-1:] * MORE), 1):
             tell(f"subtracting the part of the noise: step {n}")
             model.take_out_step_errors(theta)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import show_value
-from flexgen.deadline import fitting, is_over, reason_of_end
+from flexgen.deadline import is_over, limit_fit, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import ARCMIN, Element, Sought
 from flexgen.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, estimate
@@ -148,7 +148,7 @@ def identify_gears(
         model = GearModel(equations, sought, signals)
         return _result(robot, fitted, model, _estimate(model, tell))
 
-    with fitting("identify_gears", time_limit, tell):
+    with limit_fit("identify_gears", time_limit, tell):
         result = fit(signals_of(data, robot.n_m, band_hz))
         final = band_hz is not None or result.lacking or result.status in ENDS or is_over()
         if not final:

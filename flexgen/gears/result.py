@@ -91,7 +91,7 @@ def write_gears(
     return write_model_text(path, new, folder, VARIANT, dry=dry)
 
 
-def check_written(path: str | Path, robot: RobotModel) -> None:
+def check_file(path: str | Path, robot: RobotModel) -> None:
     """Check before a fit that `GearFit.save` can write the new model file; errors as there."""
     write_gears(path, robot, {}, "check", dry=True)
 

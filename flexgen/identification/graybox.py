@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.counts import STARTS, count_of, show_value
-from flexgen.deadline import fitting, is_over, reason_of_end, searching
+from flexgen.deadline import is_over, keep_best, limit_fit, reason_of_end
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.causes.explain import Cause, explain, hidden_causes
 from flexgen.identification.causes.levels import compare_levels
@@ -128,11 +128,11 @@ def identify(
     vector = ParameterVector(
         robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties
     )
-    with fitting("identify", time_limit, tell):
+    with limit_fit("identify", time_limit, tell):
         found = _fit(vector, data, residual, structured, floor, (starts, spread, seed), tell)
         tested = None
         if levels and not is_over():
-            with searching():
+            with keep_best():
                 tested = compare_levels(
                     Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels
                 )
@@ -196,7 +196,7 @@ def _fit(
     explicable = floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE
     if explicable and not is_over():
         fitted = status is FitStatus.FITTED
-        with searching():
+        with keep_best():
             causes = (
                 hidden_causes(residuals, best.x) if fitted else explain(residuals.on(data), best.x)
             )

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from flexgen.analysis.response_inputs import Drive
-from flexgen.deadline import fitting, is_over, reason_of_end
+from flexgen.deadline import is_over, limit_fit, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.fit_status import status_of_end
@@ -422,7 +422,7 @@ def fit_motion(
             "without --segments, and state it as delay_s of the [[sensor]]"
         )
     tell = progress if callable(progress) else None
-    with fitting("fit_motion", time_limit, tell):
+    with limit_fit("fit_motion", time_limit, tell):
         shooting = _Shooting(vector, data, segment_s)
         fit = _minimize(shooting, vector, tell)
         reason = reason_of_end()

@@ -179,16 +179,8 @@ class Estimated(Result):
         note = "" if self.status.has_deviations else f"{self.status}, no standard deviations"
         sd = {name: value for name, value in self.sd.items() if value is not None}
         values = self.used() | self.sensor_delays
-        return write_model(
-            path,
-            self.vector.model,
-            values,
-            sd,
-            self.source,
-            model_file,
-            note=note,
-            finish=self._with_uncertainty,
-        )
+        words = FileWords(self.source, note=note, finish=self._with_uncertainty)
+        return write_model(path, self.vector.model, values, sd, words, model_file)
 
     def _with_uncertainty(self, text: str) -> str:
         """The text of the new model file with the table ``[uncertainty]``."""
@@ -341,16 +333,27 @@ class IdentificationResult(Estimated):
         )
 
 
+@dataclass(frozen=True)
+class FileWords:
+    """Texts of a new model file.
+
+    ``source``: of the data; ``head``: lines of comments for the beginning; ``note``: first line, instead of the place
+    of the standard deviations; ``finish``: changes the text, not where the numbers are in a variant.
+    """
+
+    source: str
+    head: str = ""
+    note: str = ""
+    finish: Callable[[str], str] = str
+
+
 def write_model(
     path: str | Path,
     model: RobotModel,
     values: Mapping[str, float],
     sd: Mapping[str, float | str],
-    source: str,
+    words: FileWords,
     model_file: str | Path | None = None,
-    head: str = "",
-    note: str = "",
-    finish: Callable[[str], str] | None = None,
     dry: bool = False,
 ) -> Path:
     """Write a model file: the text of the old one with the values of some parameters and their standard deviations.
@@ -364,16 +367,9 @@ def write_model(
     model : RobotModel
     values, sd : mappings
         By the names of parameters; deviations may be missing; those that are texts are written as they are.
-    source : str
-        Of the data.
+    words : FileWords
     model_file : str or Path, optional
         The old file; default: that of the model.
-    head : str
-        Lines of comments for the beginning.
-    note : str
-        First line, instead of the place of the standard deviations.
-    finish : callable, optional
-        Changes the text; not where the numbers are in a variant.
     dry : bool
         Write nothing: check before a fit, with any values, that its numbers can be written.
 
@@ -401,29 +397,29 @@ def write_model(
         return write_model_text(path, text, folder, chosen, check, dry)
 
     overlay = tomllib.loads(old)
-    given = (model, values, sd, source, file, note)
+    given = (model, values, sd, words.source, file, words.note)
     if "urdf" not in overlay:
-        text = head + write_parameters(old, *given)
-        return write(text if finish is None else finish(text), variant)
+        text = words.head + write_parameters(old, *given)
+        return write(words.finish(text), variant)
     try:
-        text = head + write_parameters(
+        text = words.head + write_parameters(
             old, *given, key_of=lambda key: overlay_key(overlay, model, key)
         )
-        return write(text if finish is None else finish(text), variant)
+        return write(words.finish(text), variant)
     except ModelError:  # the overlay has no table for one of them, or a number of several links
         numbers = {p.key: values[p.name] for p in _numbers(model, values)}
-        words = f"identified parameters ({_one_line(source)}); {note}".rstrip("; ")
-        text = head + with_variant(old, file, IDENTIFIED, numbers, words, model.variant)
+        line = f"identified parameters ({_one_line(words.source)}); {words.note}".rstrip("; ")
+        text = words.head + with_variant(old, file, IDENTIFIED, numbers, line, model.variant)
         return write(text, IDENTIFIED)
 
 
-def check_written(path: str | Path, model: RobotModel, names: Iterable[str] = ()) -> None:
+def check_file(path: str | Path, model: RobotModel, names: Iterable[str] = ()) -> None:
     """Check before a fit that `Estimated.write` can write numbers of the model into a new model file; errors as there.
 
     ``names``: of the numbers that are fitted, as far as they are those of the model.
     """
     values = {p.name: p.value for p in select(model, list(names))} if names else {}
-    write_model(path, model, values, {}, "check", dry=True)
+    write_model(path, model, values, {}, FileWords("check"), dry=True)
 
 
 def write_parameters(

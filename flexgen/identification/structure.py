@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.missing_springs import additions, without
-from flexgen.deadline import best_known, fitting, is_over, reason_of_end, searching
+from flexgen.deadline import best_known, is_over, keep_best, limit_fit, reason_of_end
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
@@ -114,11 +114,11 @@ def structure(
         raise ArgumentError(
             "structure: given data at one pose, expected two or more: some are held out"
         )
-    with fitting("structure", time_limit, tell):
+    with limit_fit("structure", time_limit, tell):
         now, changes = _search(robot, data, fixed, tell)
         final, reason = now, reason_of_end()
         if not reason:
-            with searching():
+            with keep_best():
                 final = identify(now.model, data, starts=1, progress=False)
             reason = reason_of_end()
     final = replace(final, status=FitStatus.of_value(reason)) if reason else final
@@ -132,7 +132,7 @@ def _search(
     now = _fit(robot, data)
     best_known()
     changes: list[Change] = []
-    with searching():
+    with keep_best():
         for _ in range(MOST_ROUNDS):
             better, tried = _best_change(robot, now, data, fixed, tell)
             changes += tried

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexgen.deadline import check_time, fitting, is_over, reason_of_end, searching
+from flexgen.deadline import check_time, is_over, keep_best, limit_fit, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import FINER, Experiment, fade_in, largest_rate
@@ -288,13 +288,13 @@ def refine(
     )
     simulated = Simulated(vector, experiment, _choose(plan, 0, runs), tell)
     settings = (vector.start, vector.prior_sd, vector.bounds)
-    with fitting("refine", time_limit, tell):
+    with limit_fit("refine", time_limit, tell):
         rough = minimize(
             simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE
         )
         fit = rough
         if not is_over():
-            with searching():
+            with keep_best():
                 simulated.use_noise(rough.x)
         if not is_over():
             simulated.use_whole()

@@ -52,7 +52,7 @@ def text_of_model(model_file: str) -> tuple[str, Path]:
     return path.read_text(encoding="utf-8"), path.parent
 
 
-def relocated(text: str, old: Path, new: Path) -> str:
+def relocate(text: str, old: Path, new: Path) -> str:
     """The text of a model file with its relative paths from another folder.
 
     Parameters
@@ -133,10 +133,10 @@ def write_model_text(
         raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
     with tempfile.TemporaryDirectory() as place:  # what cannot be read again is not written
         inner = Path(place)
-        again = read(write_text(inner / "model.toml", relocated(text, folder, inner)), variant)
+        again = read(write_text(inner / "model.toml", relocate(text, folder, inner)), variant)
     if check is not None:
         check(again)
     if dry:
         check_writable(target)
         return target
-    return write_text(target, relocated(text, folder, target.parent))
+    return write_text(target, relocate(text, folder, target.parent))

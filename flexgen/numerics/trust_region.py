@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.deadline import best_known, check_time, is_over, searching
+from flexgen.deadline import best_known, check_time, is_over, keep_best
 from flexgen.errors import SolverError
 
 Sums = tuple[float, np.ndarray, np.ndarray]  # ||r||^2, Re J^H r, Re J^H J
@@ -86,7 +86,7 @@ def minimize(
     radius, total, converged, wrong, n = RADIUS, objective(x, value), False, False, 0
     held, totals = np.zeros(len(x), bool), [total]
     best_known(time.perf_counter() - began)
-    with searching():
+    with keep_best():
         for n in range(1, ITERATIONS + 1):  # noqa: B007, the number of iterations is a result
             if is_over():
                 break

@@ -196,7 +196,7 @@ def _noise_text(
     return (
         f"the second derivative of the samples of {name} is noise: up to {noisy:.3g} on the spline through them, "
         f"{quiet:.3g} on a smooth path that is {largest:.2g} from them; errors of the samples of {sd:.2g} (or late "
-        f"times){cause}: set smooth = {_rounded_up(largest)} for this move"
+        f"times){cause}: set smooth = {_round_up(largest)} for this move"
     )
 
 
@@ -204,7 +204,7 @@ def _is_rounded(x: np.ndarray, unit: float) -> bool:
     return bool(np.abs(x / unit - np.round(x / unit)).max() < ROUNDED * max(1.0, np.abs(x).max()))
 
 
-def _rounded_up(x: float) -> str:
+def _round_up(x: float) -> str:
     """A number with one digit that is not smaller."""
     power = 10.0 ** np.floor(np.log10(x))
     return f"{np.ceil(x / power - 1e-9) * power:.1g}"

@@ -35,7 +35,7 @@ from scipy.ndimage import correlate1d
 from scipy.signal import butter, filtfilt
 
 from flexgen.analysis.rests_of_motors import MOVING, Rests, largest_of_unit
-from flexgen.deadline import best_known, fitting, is_over, reason_of_end, searching
+from flexgen.deadline import best_known, is_over, keep_best, limit_fit, reason_of_end
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.gains import lowest_locked_hz
@@ -220,7 +220,7 @@ def identify_load(
     refuse_harmonics(robot, "identify_load")
     found = read_motor_record(robot, record, columns)
     tell: Progress = progress if callable(progress) else silent
-    with fitting("identify_load", time_limit, tell):
+    with limit_fit("identify_load", time_limit, tell):
         load = _Estimate(robot, found.trajectory, low_pass_hz, rigid).solve(tell)
     return replace(load, notes=found.notes) if found.notes else load
 
@@ -428,7 +428,7 @@ class _Estimate:
         J[:, 4] = -self.see(self.late).ravel()
         for k in range(LOAD, first):
             J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
-        with searching():
+        with keep_best():
             for k in range(STEPS):
                 if k and is_over():
                     break

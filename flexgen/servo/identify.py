@@ -19,10 +19,10 @@ import numpy as np
 from flexgen.deadline import (
     best_known,
     check_time,
-    fitting,
     is_over,
+    keep_best,
+    limit_fit,
     reason_of_end,
-    searching,
 )
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.errors import ArgumentError, SolverError
@@ -123,16 +123,17 @@ def identify_servo(
     if not isinstance(record, ServoRecord):
         record = ServoRecord.read(record, robot, columns)
     _check_record(record, robot)
-    with fitting("identify_servo", time_limit, tell):
+    with limit_fit("identify_servo", time_limit, tell):
         fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation, tell)
         best = _search(fit, *fit.start(), tell)
         for lower in LOWER:
             if is_over() or best.is_explained:
                 break
-            with suppress(SolverError), searching():  # unstable there
+            with suppress(SolverError), keep_best():  # unstable there
                 found = _search(fit, *fit.start(lower), tell)
                 best = min(best, found, key=lambda one: one.left)
-        return replace(best, ended=reason_of_end())
+        reason = reason_of_end()
+        return replace(best, ended=reason) if reason else best
 
 
 def _search(
@@ -141,7 +142,7 @@ def _search(
     """Levenberg and Marquardt from parameters p with residuals e and their Jacobian."""
     weight, ended = WEIGHT, False
     best_known()
-    with searching():
+    with keep_best():
         for step in range(STEPS):
             if is_over():
                 break

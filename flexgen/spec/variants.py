@@ -37,7 +37,7 @@ def add_variant(
     """
     path = Path(file or "")
     if not path.is_file() or path.suffix != ".toml":
-        raise _refused(f"{str(file)!r}, which is no .toml file")
+        raise _refusal(f"{str(file)!r}, which is no .toml file")
     return with_variant(
         path.read_text(encoding="utf-8"), path.name, name, changes, description, base
     )
@@ -49,7 +49,7 @@ def with_variant(
     """The text of a model file with a further variant; ``file``: its name for messages; else as `add_variant`."""
     variants = tomllib.loads(text).get("variant", {})
     if not text or name in variants:
-        raise _refused(f"{file}, which has a variant {name!r}")
+        raise _refusal(f"{file}, which has a variant {name!r}")
     old = variants.get(base, {})
     own = {key: value for key, value in old.get("set", {}).items() if key not in changes}
     sets = own | dict(changes)
@@ -59,7 +59,7 @@ def with_variant(
     return "\n".join([text.rstrip(), "", *lines, "", f"[variant.{name}.set]", *rows, ""])
 
 
-def _refused(given: str) -> ArgumentError:
+def _refusal(given: str) -> ArgumentError:
     return ArgumentError(
         f"write: given a model of {given}, expected one of a .toml file without that variant; the numbers are in "
         "the result and in --json"

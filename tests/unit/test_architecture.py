@@ -136,13 +136,14 @@ MOST = 8
 PARAMETERS = {
     "benchmarks/tune.py tune": 9,  # a verb
     "benchmarks/tune_cascade.py tune_cascade": 14,  # a verb: the loop of the verb control
+    "calibration/calibrate.py calibrate": 9,  # a verb
     "exports/fmu/export.py export_fmu": 12,  # a verb
     "exports/ros2/export.py export_ros2": 10,  # a verb
     # a verb; numbers and exponents of elements are what gears differ in
     "gears/identify.py identify_gears": 12,
     "identification/experiments/plan.py excite": 17,  # a verb
-    "identification/graybox.py identify": 17,  # a verb
-    "identification/motion_fit.py fit_motion": 10,  # a verb
+    "identification/graybox.py identify": 18,  # a verb
+    "identification/motion_fit.py fit_motion": 11,  # a verb
     # a verb; the force of a process is data of the problem, as the move is
     "inversion/solve.py solve": 19,
     "library/generate.py generate": 15,  # a verb

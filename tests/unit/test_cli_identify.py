@@ -330,7 +330,7 @@ def test_a_refinement_shows_what_experiments_that_it_did_not_use_say(
     checked, folder, capsys, monkeypatch
 ):
     monkeypatch.setattr(
-        time_domain, "refine_and_validate", lambda found, experiment, progress: (found, checked)
+        time_domain, "refine_and_validate", lambda found, experiment, **more: (found, checked)
     )
     words = [
         "identify",

@@ -223,8 +223,8 @@ def test_samples_that_turn_back_or_begin_in_motion_are_told() -> None:
     text = (
         "its samples end at 100 % of their largest speed, the path at rest: add samples until rest"
     )
-    assert moving.in_motion == (text,)
+    assert moving.notes == (text,)
     still = SplineCurve(
         Samples("output", (1 - np.cos(np.pi * t / 2))[:, None], None, t, True), 5, 1.0
     )
-    assert still.in_motion == ()
+    assert still.notes == ()

@@ -168,20 +168,15 @@ def test_responses_in_words_have_their_relative_deviation() -> None:
 def test_parameters_are_validated_where_there_is_another_experiment(
     experiments: int, realizations: int, several: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        time_domain, "refine", lambda found, experiment, progress: f"{found} refined"
-    )
-    monkeypatch.setattr(time_domain, "validate", lambda fine, experiment: f"{fine} checked")
+    early = SimpleNamespace(status=SimpleNamespace(ended_early=False))
+    monkeypatch.setattr(time_domain, "refine", lambda found, experiment, **more: early)
+    monkeypatch.setattr(time_domain, "validate", lambda fine, experiment: "checked")
     monkeypatch.setattr(time_domain, "validate_on_others", lambda fine, checked: (fine, checked))
     given: Any = SimpleNamespace(
         plan=SimpleNamespace(experiments=experiments, realizations=realizations)
     )
     found: Any = "fit"
-    expected: Any = (
-        (("fit refined", "fit refined checked"), "fit refined checked")
-        if several
-        else ("fit refined", None)
-    )
+    expected: Any = ((early, "checked"), "checked") if several else (early, None)
     assert time_domain.refine_and_validate(found, given) == expected
 
 

@@ -30,6 +30,7 @@ NOTHING: dict[str, Any] = dict.fromkeys(
         "free",
         "counterbalance",
         "fixed",
+        "time_limit",
     )
 ) | {"rigid": False, "structure": False}
 
@@ -59,7 +60,7 @@ def test_a_plan_is_made_with_the_drives_that_are_given(monkeypatch: pytest.Monke
     def plan(model: Any, hardware: Any, **more: Any) -> Any:
         asked.update(hardware=hardware, **more)
         return Made(
-            save=lambda path: f"saved {path}",
+            save=lambda path: Path(f"saved/{path}"),
             duration_s=7.5,
             frequencies=np.array([1.0, 3.0]),
             joints=lambda model: np.array([[0.5, model.n_g]]),
@@ -77,19 +78,19 @@ def test_a_plan_is_made_with_the_drives_that_are_given(monkeypatch: pytest.Monke
     answer = verbs.excite(args, print)
     assert answer.data == {
         "model": "elbow",
-        "plan": "saved p.npz",
+        "plan": "saved/p.npz",
         "duration_s": 7.5,
         "frequencies_Hz": [1.0, 3.0],
         "poses": [[0.5, 2.0]],
         "expected_relative_sd": {"q1.stiffness": 0.01},
     }
-    assert answer.text == "plan of elbow\n\nwrote p.npz" and asked["lines"] == 20
+    assert answer.text == "plan of elbow\n\nwrote saved/p.npz" and asked["lines"] == 20
     drives = asked["hardware"]
     assert (drives.delay_s, drives.torque_noise_Nm) == (1e-4, 0.3)
     assert (drives.encoder_noise_rad, drives.encoder_resolution_rad) == (0.0, 0.0)
     args.references = "folder"
     assert verbs.excite(args, print).text.endswith(
-        "\n\nwrote p.npz\nwrote folder, 3 files of references"
+        "\n\nwrote saved/p.npz\nwrote folder, 3 files of references"
     )
 
 
@@ -212,7 +213,7 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
     checked = Validation((99.0,), 1.5, (1.0,))
     monkeypatch.setattr(
-        LATER + "time_domain.refine_and_validate", lambda found, given, progress: (found, checked)
+        LATER + "time_domain.refine_and_validate", lambda found, given, **more: (found, checked)
     )
     answer = identify(lines.append, refine="d.npz")
     assert answer.text == "fit | validated with m1: 1.5" and answer.data["validation"] == vars(
@@ -222,7 +223,7 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
         "refining by simulation: up to two minutes for six axes, seconds for planar arms"
     ]
     monkeypatch.setattr(
-        LATER + "time_domain.refine_and_validate", lambda found, given, progress: (found, None)
+        LATER + "time_domain.refine_and_validate", lambda found, given, **more: (found, None)
     )
     assert (
         identify(refine="d.npz").text == "fit" and "validation" not in identify(refine="d.npz").data
@@ -330,7 +331,7 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
 def test_a_structure_is_a_table_of_springs(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
 
-    def structure(model: Any, data: Any, fixed: Any, progress: Any) -> Any:
+    def structure(model: Any, data: Any, fixed: Any, time_limit: Any, progress: Any) -> Any:
         asked.update(model=model.name, data=data, fixed=fixed)
         return Made(identified=found(), added=("a",), removed=(), changes=[Made(cost=2.0)])
 

@@ -38,7 +38,7 @@ def clock(*instants: float) -> SimpleNamespace:
 class Found:
     """A calibration that was made up."""
 
-    problem, warnings = "not good", ("beware",)
+    problem, warnings, ended = "not good", ("beware",), ""
 
     def __init__(self) -> None:
         self.asked: list[Any] = []

@@ -159,14 +159,18 @@ def test_a_tool_that_only_turns(robot, tmp_path: FilePath) -> None:
     assert np.abs(w - law).max() < 1e-9
 
 
-def test_a_path_that_turns_back_is_refused(arm, tmp_path: FilePath) -> None:
+def test_a_path_that_turns_back_stops_at_the_turn(arm, tmp_path: FilePath) -> None:
+    """Out and back along a line: the speed is zero at the turn, where the tool is at its sample."""
     p = Path(arm, arm.model.move("line")).reference.tool_pose(START)[0]
     u = np.linspace(0, 2, 41)
     columns = {"x": p[0] - 0.1 * (1 - np.abs(u - 1)), "y": p[1] + 0 * u, "z": 0 * u}
-    with pytest.raises(ArgumentError, match="stops or reverses near sample 2"):
-        Path(
-            arm, Move("back", "sampled", START, 1.0, 5, file=write(tmp_path / "back.csv", columns))
-        )
+    file = write(tmp_path / "back.csv", columns)
+    path = Path(arm, Move("back", "sampled", START, 1.0, 5, file=file))
+    assert path.duration == pytest.approx(1.0) and len(path.segments) == 2
+    y = path.sample(np.linspace(0.0, 1.0, 101)).y
+    assert np.abs(y[50, :, 1]).max() < 1e-12 and np.abs(y[[0, -1], :, 1]).max() < 1e-12
+    assert y[50, 0, 0] == pytest.approx(p[0] - 0.1, abs=1e-12)
+    assert y[:, 0, 0].min() > p[0] - 0.1 - 1e-9 and y[[0, -1], 0, 0] == pytest.approx(p[0])
 
 
 def test_an_error_in_the_spline_would_be_seen(

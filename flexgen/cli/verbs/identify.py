@@ -55,14 +55,16 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
         "expected_relative_sd": plan.predicted,
     }
     files: dict[str, Writer] = {"plan": partial(plan.save, args.out)}
+    after: dict[str, str] = {}
     if args.references is not None:
-        files["references"] = partial(_write_references, plan, args.references)
-    return with_files(plan_text(plan, model), data, files)
+        files["references"] = partial(_write_references, plan, args.references, after)
+    return with_files(plan_text(plan, model), data, files, after=after)
 
 
-def _write_references(plan: Any, folder: Path) -> Path:
-    """Write the references of each experiment of a plan; the folder."""
-    plan.write_references(folder)
+def _write_references(plan: Any, folder: Path, after: dict[str, str]) -> Path:
+    """Write the references of each experiment of a plan; the folder, and ``after`` it their number."""
+    written = plan.write_references(folder)
+    after["references"] = f", {len(written)} files of references"
     return folder
 
 
@@ -91,13 +93,15 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     text = f"{robot.name}: {number(plan.duration_s)} s of robot in {number(wall)} s\n\n"
     text += experiment.to_text()
     files: dict[str, Writer] = {"experiment": partial(experiment.save, args.out)}
+    after = {}
     if writer is not None:
         files["recordings"] = writer.finish
+        after["recordings"] = f", {len(writer.files)} files with all samples"
     limited = (
         "torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms"
     )
     warnings = [limited] if experiment.saturated.any() else []
-    return with_files(text, data, files, warnings=warnings)
+    return with_files(text, data, files, after=after, warnings=warnings)
 
 
 def frf(args: Namespace, log: Progress) -> VerbResult:
@@ -154,7 +158,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     if experiment is not None and not found.status.ended_early:
         log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
         left = None if not args.time_limit else max(args.time_limit - found.wall_s, 1e-3)
-        found, validated = _refined(found, experiment, left, tell)
+        found, validated = _refine(found, experiment, left, tell)
         if validated is not None:
             checked["validation"] = vars(validated)
             validation.append(validation_text(validated, experiment.plan.motors))
@@ -174,13 +178,13 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     )
 
 
-def _refined(found: Any, experiment: Any, time_limit: float | None, tell: Progress) -> Any:
+def _refine(found: Any, experiment: Any, time_limit: float | None, tell: Progress) -> Any:
     """The fit refined by simulation and its validation; the fit as it was where the time is over before a step."""
     from flexgen.identification.fit_status import FitStatus
     from flexgen.identification.time_domain import refine_and_validate
 
     try:
-        return refine_and_validate(found, experiment, time_limit, progress=tell)
+        return refine_and_validate(found, experiment, time_limit=time_limit, progress=tell)
     except OutOfTime:
         return replace(found, status=FitStatus.TIME_LIMIT), None
     except KeyboardInterrupt:

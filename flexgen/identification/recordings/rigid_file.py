@@ -12,13 +12,13 @@ import numpy as np
 
 from flexgen.analysis.feasible_bodies import body_of, scales
 from flexgen.analysis.rigid_regressor import BODY, Motion
-from flexgen.deadline import fitting
+from flexgen.deadline import limit_fit
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.gear_deflection import GearDeflection, gear_deflection
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
 from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigid
-from flexgen.identification.result import write_model
+from flexgen.identification.result import FileWords, write_model
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
@@ -129,7 +129,7 @@ def identify_bodies(
     fitted = motions_of(data)
     tell = progress if callable(progress) else None
     more = {} if others is None else {"parts": 0}
-    with fitting("identify", time_limit, tell):
+    with limit_fit("identify", time_limit, tell):
         fit = identify_rigid(model, fitted, counterbalance=counterbalance, **more)
     errors = {"fitted": [fit.relative_errors(motion).tolist() for motion in fitted]}
     if others is not None:
@@ -253,9 +253,8 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
     )
     note = "" if fit.status.has_deviations else f"{fit.status}, no standard deviations"
     sd = {name: f"{value:.2g}" for name, value in rigid_deviations(fit).items()}
-    return write_model(
-        path, _with_places(fit), rigid_numbers(fit), sd, source, head=head, note=note
-    )
+    words = FileWords(source, head, note)
+    return write_model(path, _with_places(fit), rigid_numbers(fit), sd, words)
 
 
 def _with_places(fit: RigidFit) -> RobotModel:
