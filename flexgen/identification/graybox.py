@@ -17,16 +17,19 @@ import numpy as np
 
 from flexgen.counts import STARTS, count_of, show_value
 from flexgen.deadline import is_over, keep_best, limit_fit, reason_of_end
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.errors import ArgumentError, FlexgenError, SolverError
 from flexgen.identification.causes.explain import Cause, explain, hidden_causes
 from flexgen.identification.causes.levels import compare_levels
 from flexgen.identification.experiments.plan import default_free
+from flexgen.identification.fit_grade import Grade, grade
 from flexgen.identification.fit_status import status_of_end
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.motion_correction import correct_responses, find_shift, obstacle
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
 from flexgen.identification.residuals import RESIDUALS, ResidualName, Residuals, over_lines
 from flexgen.identification.result import WEAK, FitStatus, IdentificationResult, with_coulomb
+from flexgen.loop.gains import lowest_locked_hz
+from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.records import TRANSIENT
@@ -225,8 +228,24 @@ def _fit(
         deflection_sd=residuals.deflection_sd,
         weights=residuals.kind,
         causes=causes,
+        grade=_grade(residuals, best.x, measured),
         wall_s=time.perf_counter() - began,
     )
+
+
+def _grade(residuals: Residuals, x: np.ndarray, data: Frf) -> Grade | None:
+    """The grade of the model at x; None where its responses cannot be inverted."""
+    vector = residuals.vector
+    named = vector.named(x)
+    model = with_values(vector.model, {name: named[name] for name in vector.of_model})
+    still, quiet = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+    arm = np.zeros((1, model.n_a))
+    arm[:, list(model.i_g)] = data.poses[:1] @ np.linalg.inv(model.eta).T
+    motion = (arm, still, still, data.poses[:1], quiet, quiet, quiet)
+    try:
+        return grade(data, residuals.response(x).G, lowest_locked_hz(model, motion))
+    except (np.linalg.LinAlgError, FlexgenError):
+        return None
 
 
 def _check(

@@ -17,6 +17,7 @@ from flexgen.display import plain
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.identification.causes.explain import Cause
 from flexgen.identification.causes.levels import AmplitudeTest
+from flexgen.identification.fit_grade import Grade
 from flexgen.identification.fit_status import FitStatus as FitStatus
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import (
@@ -238,6 +239,8 @@ class IdentificationResult(Estimated):
         `flexgen.identification.causes.explain`. Empty where the model fits, and where no single one explains it.
     amplitude : AmplitudeTest or None
         Whether the responses depend on the level of the excitation, where they were given at several.
+    grade : Grade or None
+        Misfit by element and band, and whether the model is good enough for feedforward; None after `refine`.
 
     Examples
     --------
@@ -261,6 +264,7 @@ class IdentificationResult(Estimated):
     wall_s: float
     causes: tuple[Cause, ...] = field(default=(), kw_only=True)
     amplitude: AmplitudeTest | None = field(default=None, kw_only=True)
+    grade: Grade | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
         return (
@@ -301,22 +305,29 @@ class IdentificationResult(Estimated):
             for u in self.vector.unknowns
         ]
         tested = {} if self.amplitude is None else {"amplitude": self.amplitude.to_dict()}
-        return tested | {
-            "model": self.vector.model.name,
-            "status": str(self.status),
-            "sentence": self.status.sentence,
-            "advice": self.status.advice,
-            "cost_per_degree_of_freedom": self.cost,
-            "model_error": self.model_error,
-            "starts": self.starts,
-            "starts_at_best_cost": self.agreed,
-            "iterations": self.iterations,
-            "weights": self.weights,
-            "weak_directions": list(self.weak),
-            "causes": [{"words": c.words, "share": c.share, "size": c.size} for c in self.causes],
-            "wall_s": self.wall_s,
-            "parameters": rows,
-        }
+        graded = {} if self.grade is None else {"grade": self.grade.to_dict()}
+        return (
+            tested
+            | graded
+            | {
+                "model": self.vector.model.name,
+                "status": str(self.status),
+                "sentence": self.status.sentence,
+                "advice": self.status.advice,
+                "cost_per_degree_of_freedom": self.cost,
+                "model_error": self.model_error,
+                "starts": self.starts,
+                "starts_at_best_cost": self.agreed,
+                "iterations": self.iterations,
+                "weights": self.weights,
+                "weak_directions": list(self.weak),
+                "causes": [
+                    {"words": c.words, "share": c.share, "size": c.size} for c in self.causes
+                ],
+                "wall_s": self.wall_s,
+                "parameters": rows,
+            }
+        )
 
     def verdict(
         self,

@@ -321,6 +321,7 @@ def refine(
         at_bound=tuple(name for name, held in zip(vector.names, fit.at_bound, strict=True) if held),
         weak=weak_directions(vector, fit.A),
         weights=TIME_DOMAIN,
+        grade=None,
         wall_s=time.perf_counter() - began,
     )
 

@@ -117,6 +117,7 @@ def _summary(identified: IdentificationResult) -> str:
         ("mean square of the weighted residuals", number(identified.cost), "1 expected"),
         ("weights", identified.weights, ""),
         ("model error", number(100 * identified.model_error), "% of the response"),
+        *([("grade", identified.grade.sentence, "")] if identified.grade is not None else []),
         ("starts at the best cost", f"{identified.agreed} of {identified.starts}", ""),
         ("poses", f"{len(identified.data.poses)}", ""),
         ("frequencies", f"{len(identified.data.w)}", ""),

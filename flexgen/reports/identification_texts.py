@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from flexgen.reports.text_tables import number, paragraph, table
 
 if TYPE_CHECKING:
@@ -82,11 +84,29 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
             if found.model_error > 0
             else []
         ),
+        *([found.grade.sentence] if found.grade is not None else []),
         paragraph(f"{found.status.sentence} {found.status.advice}"),
         *(f"possible cause: {cause}" for cause in found.causes),
         *([f"amplitude test: {amplitude_sentence(found)}"] if amplitude_sentence(found) else []),
     ]
-    return _join("\n".join(lines), table(rows, PARAMETERS), *more, _sentences(found.weak))
+    graded = grade_table(found) if found.model_error > 0 else ""
+    return _join("\n".join(lines), table(rows, PARAMETERS), graded, *more, _sentences(found.weak))
+
+
+def grade_table(found: IdentificationResult) -> str:
+    """Errors of the torques of the model and misfits of the elements in bands of frequency; empty without a grade."""
+    if found.grade is None:
+        return ""
+    rows = []
+    for band in found.grade.bands:
+        i, j = np.unravel_index(int(np.argmax(band.misfit)), band.misfit.shape)
+        element = f"{found.grade.motors[j]} -> {found.grade.outputs[i]}"
+        span = f"{number(band.low)} to {number(band.high)}"
+        typical = 100 * float(np.median(band.misfit))
+        rows.append(
+            [span, 100 * band.torque_error, typical, element, 100 * float(band.misfit[i, j])]
+        )
+    return table(rows, ("Hz", "torque error, %", "misfit, median, %", "largest, element", "%"))
 
 
 def amplitude_sentence(found: IdentificationResult) -> str:
