@@ -102,6 +102,39 @@ def running(seconds: float | None) -> Iterator[Deadline]:
         _current.reset(token)
 
 
+def check_limit(seconds: float | None) -> None:
+    """ArgumentError where a time limit [s] is negative or no number."""
+    if isinstance(seconds, bool) or not (seconds is None or 0.0 <= seconds < math.inf):
+        raise ArgumentError(
+            f"time_limit: given {seconds!r}, expected a time >= 0 in s; None or 0: no limit"
+        )
+
+
+@contextmanager
+def limit_call(name: str, seconds: float | None) -> Iterator[Deadline]:
+    """Within: the time limit [s] of a call that has no result before its end; None or 0: unlimited.
+
+    Raises
+    ------
+    ArgumentError
+        The time limit is negative or no number.
+    OutOfTime
+        The time is over; the text names the stage.
+    """
+    check_limit(seconds)
+    deadline = Deadline(math.inf)
+    try:
+        with running(seconds or None) as deadline:
+            yield deadline
+    except OutOfTime as error:
+        if not seconds or deadline.seconds < seconds:  # the limit of another call
+            raise
+        raise OutOfTime(
+            f"{name}: the time limit of {seconds:g} s is over ({error}); allow more with --time-limit SECONDS "
+            "(time_limit=)"
+        ) from None
+
+
 @contextmanager
 def limit_fit(
     name: str, seconds: float | None, tell: Callable[[str], None] | None = None
@@ -117,10 +150,8 @@ def limit_fit(
     OutOfTime
         The time was over before the first step of the search.
     """
-    if isinstance(seconds, bool) or not (seconds is None or 0.0 <= seconds < math.inf):
-        raise ArgumentError(
-            f"time_limit: given {seconds!r}, expected a time >= 0 in s; None or 0: no limit"
-        )
+    check_limit(seconds)
+    deadline = Deadline(math.inf)
     try:
         outer = _current.get()
         with running(seconds or None) as deadline:

@@ -36,6 +36,8 @@ SHARED = """
 @fit_time
     time_limit SECONDS not_negative: time limit [s]: then, or after Ctrl-C, it ends with the best step so far, which is
         printed and written (exit status 1, or 130); default: no limit
+@call_time
+    time_limit SECONDS not_negative: time limit [s], after which it ends without a result; default: no limit
 @report
     report DIR: write a self-contained HTML report to DIR
 @page
@@ -158,6 +160,8 @@ predict MODEL | | predict
     draws
         robots N whole_1: that are simulated, 16 or more; default: {default}
         seed N whole_0: of the draws; default: {default}
+    time
+        @call_time
     files
         out FILE: write the result to this file (.json)
         @page
@@ -208,6 +212,8 @@ excite MODEL | identify:excite | excite
         encoder_noise X not_negative: [rad, motor side]; default: 0
         encoder_resolution X not_negative: [rad, motor side]; default: 0
         torque_noise X not_negative: [N m, motor side]; default: 0
+    time
+        @call_time
     files
         out FILE npz_file required: write the plan to this .npz file
         references DIR: write the references of each experiment to DIR, as CSV
@@ -343,6 +349,7 @@ learn MODEL | | learn
             locked motors
         measured_by in=tracker/accelerometer: the tool error: by a tracker, or estimated from accelerometers and motor
             angles, which do not show errors at rest; default: {default}
+        @fit_time
     motion
         @move
     closed loop
@@ -398,8 +405,7 @@ tune | control:tune | tune
         evaluations N whole_1: controllers that are tried; default: 120, of a benchmark {default}
             from each start
         seed N whole_0: of noise and draws
-        time_limit SECONDS not_negative: of a model: then, or after Ctrl-C, the best one so far is
-            written; default: none
+        @fit_time
         starts N whole_1: of a benchmark: number of starts; default: {default}
         workers N whole_1: of a benchmark: number of processes; default: {default}
     robots of a model

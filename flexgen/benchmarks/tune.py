@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, closing
@@ -26,7 +27,15 @@ from flexgen.benchmarks.measures import measures_of
 from flexgen.benchmarks.scenario import Scenario
 from flexgen.benchmarks.scenario_file import scenario
 from flexgen.benchmarks.score import Score, draw_totals, reference_measures, robot_scores, score
-from flexgen.deadline import check_time
+from flexgen.deadline import (
+    MOST_STEPS,
+    best_known,
+    check_time,
+    is_over,
+    keep_best,
+    limit_fit,
+    reason_of_end,
+)
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.numerics.executors import with_executor
@@ -47,7 +56,8 @@ MOST = 20_000  # evaluations
 class TuningResult(Result):
     """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best value so far.
 
-    ``evaluations``: how often the score was computed.
+    ``evaluations``: how often the score was computed; ``ended``: "time limit" or "interrupted" where the search was
+    ended from outside, else empty.
 
     Examples
     --------
@@ -61,13 +71,15 @@ class TuningResult(Result):
     start: Score
     history: tuple[float, ...]
     evaluations: int
+    ended: str = ""
 
     def __repr__(self) -> str:
         return f"<TuningResult {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
 
     def __str__(self) -> str:
         before = "refused" if not self.start.accepted else f"{self.start.total:.4f}"
-        return f"{self.score}\n  from {before} in {self.evaluations} evaluations"
+        early = f"; {self.ended}: the best so far" if self.ended else ""
+        return f"{self.score}\n  from {before} in {self.evaluations} evaluations{early}"
 
     def save(self, path: str | Path) -> Path:
         """Write the controller as a table in TOML, which `flexgen.score` takes."""
@@ -90,6 +102,7 @@ def tune(
     workers: int = 1,
     executor: Any = None,
     seed: int = 0,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> TuningResult:
     """Improve the numbers of a cascade on the score of a benchmark.
@@ -112,6 +125,8 @@ def tune(
         dask.distributed.
     seed : int
         Of the other starts.
+    time_limit : float, optional [s]
+        Of the search: then, or after Ctrl-C, the result is the best so far; its ``ended`` says so. 0: no limit.
     progress : callable or bool, optional
 
     Returns
@@ -159,22 +174,19 @@ def tune(
         )
     rng = np.random.default_rng(seed_of(seed))
     begins = [x, *(x + SPREAD * rng.standard_normal(len(x)) for _ in range(starts - 1))]
-    jobs = [_Job(k, chosen, made, begin, evaluations) for k, begin in enumerate(begins)]
-    if executor is None and min(workers, starts) == 1:
-        found = [job.search(tell) for job in jobs]
-    else:
-        found = _in_parallel(jobs, min(workers, starts), executor, tell)
-    best = min(found, key=lambda f: f[1])
-    controller = with_numbers(made, best[0])
-    done = score(chosen, controller, progress=False)
-    done = replace(done, controller="tuned")
-    return TuningResult(
-        controller,
-        done,
-        score(chosen, made, progress=False),
-        tuple(best[2]),
-        sum(f[3] for f in found),
-    )
+    jobs = [_Job(k, chosen, made, begin, evaluations, time_limit) for k, begin in enumerate(begins)]
+    with limit_fit("tune", time_limit, tell):
+        if executor is None and min(workers, starts) == 1:
+            found = [jobs[0].search(tell)]
+            found += [job.search(tell) for job in jobs[1:] if not is_over()]
+        else:
+            found = _in_parallel(jobs, min(workers, starts), executor, tell)
+        best = min(found, key=lambda f: f[1])
+        controller = with_numbers(made, best[0])
+        done = replace(score(chosen, controller, progress=False), controller="tuned")
+        begun = score(chosen, made, progress=False)
+        ended = reason_of_end()
+    return TuningResult(controller, done, begun, tuple(best[2]), sum(f[3] for f in found), ended)
 
 
 # best numbers, their value, the history, evaluations
@@ -190,6 +202,7 @@ class _Job:
     controller: Cascade
     begin: np.ndarray
     evaluations: int
+    time_limit: float | None = None
 
     def search(self, tell: Callable[[str], None] | None) -> Found:
         return _search(self.scenario, self.controller, self.begin, self.evaluations, tell)
@@ -197,7 +210,8 @@ class _Job:
 
 def _work(job: _Job) -> Found:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return job.search(None)
+    with limit_fit("tune", job.time_limit):
+        return job.search(None)
 
 
 def _in_parallel(
@@ -238,6 +252,7 @@ def _search(
     def value(x: np.ndarray) -> float:
         nonlocal best, least
         check_time("tune")
+        began = time.perf_counter()
         try:
             trial = bench.run(with_numbers(made, x))
         except FlexgenError:  # a filter beyond half the sample rate
@@ -251,23 +266,25 @@ def _search(
         if result < least:
             best, least = x.copy(), result
         history.append(least)
+        best_known((time.perf_counter() - began) * evaluations / MOST_STEPS)
         if tell is not None:
             tell(f"{len(history)} of {evaluations} evaluations, best {least:.4f}")
         return result
 
     simplex = np.vstack([begin, begin + FIRST * np.eye(len(begin))])
-    minimize(
-        value,
-        begin,
-        method="Nelder-Mead",
-        options={
-            "maxfev": evaluations,
-            "initial_simplex": simplex,
-            "xatol": 1e-3,
-            "fatol": 1e-4,
-            "adaptive": True,
-        },
-    )
+    with keep_best():
+        minimize(
+            value,
+            begin,
+            method="Nelder-Mead",
+            options={
+                "maxfev": evaluations,
+                "initial_simplex": simplex,
+                "xatol": 1e-3,
+                "fatol": 1e-4,
+                "adaptive": True,
+            },
+        )
     return best, least, history, len(history)
 
 

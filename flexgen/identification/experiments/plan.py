@@ -13,6 +13,7 @@ from flexgen.analysis.response_outputs import channels, check_channels
 from flexgen.analysis.second_order import motor_inertias
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import PERIODS, SAMPLES, count_of, seconds_of
+from flexgen.deadline import limit_call
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.excitation import (
@@ -61,6 +62,7 @@ def excite(
     hardware: DriveHardware | None = None,
     sensors: Sequence[str] | None = None,
     seed: int = 0,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> Plan:
     """Plan an experiment for the identification of a model's elastic parameters.
@@ -89,6 +91,8 @@ def excite(
     sensors : sequence of str, optional
         Channels of sensors of the model file that are recorded too; default: all.
     seed : int
+    time_limit : float, optional [s]
+        After which the call ends without a result. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -134,8 +138,9 @@ def excite(
         sensors=check_channels(robot, channels(robot) if sensors is None else sensors),
     )
     vector = ParameterVector(robot, free or default_free(robot))
-    plan = _with_poses(plan, robot, vector, poses, criterion, seed, progress)
-    return _predict_accuracy(plan, vector, spectrum)
+    with limit_call("excite", time_limit):
+        plan = _with_poses(plan, robot, vector, poses, criterion, seed, progress)
+        return _predict_accuracy(plan, vector, spectrum)
 
 
 def _amplitudes(
