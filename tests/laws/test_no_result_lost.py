@@ -70,7 +70,7 @@ FITS = {
         "identify", "overlay.toml", ["frf.npz", "--starts", "1"], numbers="q1.stiffness"
     ),
     "identify --rigid": Fit(
-        "identify", "sampled.toml", ["raw/recordings.toml", "--rigid"], numbers="upper.mass"
+        "identify", "sampled.toml", ["raw/recordings.toml", "--rigid"], numbers="base parameters"
     ),
     "identify --segments": Fit(
         "identify",
@@ -95,7 +95,7 @@ FITS = {
     "identify-gears": Fit(
         "identify-gears",
         "overlay.toml",
-        ["record.csv", "--no-hysteresis", "--band-hz", "8"],
+        ["record.csv", "--no-hysteresis", "--band-hz", "15"],
         variant="identified",
         numbers="q1.stiffness",
     ),
@@ -143,7 +143,7 @@ def responses(folder: Path) -> None:
     robot = flexgen.read(folder / "sampled.toml")
     softer = {"element.upper.dof.q1.gear.spring.stiffness": 1.1e5}
     truth = flexgen.read(folder / "sampled.toml", overrides=softer)
-    plan = flexgen.excite(robot, poses=2, period_s=1.0, lines=12, transients=0)
+    plan = flexgen.excite(robot, poses=2, period_s=1.0, lines=12, transients=1, speed_rms=0.05)
     writer = RecordingWriter(folder / "raw", plan, robot)
     experiment = flexgen.measure(plan, truth, raw=writer)
     writer.finish()
