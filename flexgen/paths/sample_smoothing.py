@@ -2,13 +2,14 @@
 
 A spline of degree p through samples has the derivatives of their errors too: an error of 1e-4 rad every 10 ms is 4 rad/s^2
 (root mean square of the second derivative of white noise, pi^2/sqrt(5) times the error over the step squared). The smooth
-path is the spline of least squares with the fewest knots that is nowhere farther from the samples than stated; the knots
-are at samples, equally many between two of them.
+path is a spline of least squares that is nowhere farther from the samples than stated; its knots are at samples, equally
+many between two of them, and so many that it predicts samples best that are left out.
 
 Noise shows in the differences D^6 x of order 6, divided for steps that are not equal: of white noise neighbors have the
 correlation -6/7, of a motion that the samples resolve they have the same sign.
 
-Source: C. de Boor, A Practical Guide to Splines, 2001, ch. 14 (least squares by splines).
+Source: C. de Boor, A Practical Guide to Splines, 2001, ch. 14 (least squares by splines); P. Craven and G. Wahba,
+Numerische Mathematik 31, 1979 (generalized cross-validation).
 """
 
 from __future__ import annotations
@@ -23,8 +24,16 @@ from scipy.sparse.linalg import splu
 
 from flexgen.errors import ArgumentError
 
-# Factor by which the number of knots grows until the deviation is small enough.
-GROWTH = 1.5
+# Factor by which the number of knots grows from trial to trial.
+GROWTH = 1.15
+# Samples for each knot, at least; and trials that are no better after which the search ends.
+LEAST_SAMPLES, NO_BETTER = 2, 6
+# Part of the samples that coefficients fit exactly, at most, in the score.
+MOST_FITTED = 0.9
+# A score that is so near to the best one, relative, is as good.
+NEARLY = 1.02
+# Samples for each knot from which a spline does not follow a single wrong sample.
+FAR_APART = 5
 # Order of the differences that show noise, and their correlation with the neighbor below which they are noise.
 ORDER = 6
 ALTERNATING = -0.5
@@ -44,17 +53,25 @@ ROUNDED = 1e-6
 
 @dataclass(frozen=True)
 class SmoothSpline:
-    """A spline of least squares: ``spline``; ``deviation``: the largest from the samples; ``knots``: inner ones."""
+    """A spline of least squares, with its ``knots`` inner ones.
+
+    ``deviation``: the largest from the samples; ``mean_square``: the mean of the squares of all deviations.
+    """
 
     spline: BSpline
     deviation: float
     knots: int
+    mean_square: float
 
 
 def smooth_spline(
     parameter: np.ndarray, values: np.ndarray, degree: int, largest: float, angles: int, rest: bool
 ) -> SmoothSpline:
-    """The spline with the fewest knots that deviates from the samples by at most ``largest``.
+    """The spline near the samples that predicts samples best that are left out.
+
+    Among those that deviate from the samples by at most ``largest``, the one with the least
+    generalized cross-validation ``rms^2/(1 - p/n)^2``, p: coefficients; fewer knots where it is
+    nearly as good.
 
     Parameters
     ----------
@@ -73,29 +90,31 @@ def smooth_spline(
     ArgumentError
         No spline that the samples determine is near enough; the message names the sample.
     """
-    most = len(parameter) - degree - 1
-    found, low, count = None, -1, 0
-    worst: tuple[float, int] = (np.inf, 0)
-    while count <= most:
+    n, count, since = len(parameter), 0, 0
+    trials: list[tuple[float, SmoothSpline]] = []
+    worst = (np.inf, 0)
+    while count <= (n - degree - 1) // LEAST_SAMPLES and since < NO_BETTER:
         trial, at = _least_squares(parameter, values, degree, count, angles, rest)
+        coefficients = count + degree + 1 - (degree - 1) * rest
+        score = trial.mean_square / (1.0 - min(coefficients / n, MOST_FITTED)) ** 2
         if trial.deviation <= largest:
-            found = trial
-            break
-        worst = min(worst, (trial.deviation, at))
-        low, count = count, max(count + 1, int(GROWTH * count))
-    if found is None:
+            since = 0 if not trials or score < min(trials, key=_score)[0] else since + 1
+            trials.append((score, trial))
+        elif trial.deviation < worst[0] and count <= n / FAR_APART:
+            worst = (trial.deviation, at)
+        count = max(count + 1, int(GROWTH * count))
+    if not trials:
         raise ArgumentError(
             f"smooth: given {largest:g}, but near sample {worst[1] + 1} a smooth path is {worst[0]:.3g} away from the "
             "samples: a kink, a wrong sample, or samples that do not begin and end at rest; give a larger deviation, "
             "or correct the samples there"
         )
-    while found.knots - low > 1:
-        trial, _ = _least_squares(parameter, values, degree, (found.knots + low) // 2, angles, rest)
-        if trial.deviation <= largest:
-            found = trial
-        else:
-            low = trial.knots
-    return found
+    enough = NEARLY * min(trials, key=_score)[0]
+    return next(trial for score, trial in trials if score <= enough)
+
+
+def _score(trial: tuple[float, SmoothSpline]) -> float:
+    return trial[0]
 
 
 def _least_squares(
@@ -117,11 +136,12 @@ def _least_squares(
     coefficients = merge @ splu(normal).solve(reduced.T @ values)
     spline = BSpline(t, coefficients, degree)
     away = np.abs(spline(parameter) - values)
+    mean = float((away**2).mean())
     if angles:
         turned = 2.0 * np.linalg.norm(away[:, -angles:], axis=1, keepdims=True)
         away = np.hstack([away[:, :-angles], turned])
     each = away.max(axis=1)
-    return SmoothSpline(spline, float(each.max()), count), int(np.argmax(each))
+    return SmoothSpline(spline, float(each.max()), count, mean), int(np.argmax(each))
 
 
 def noise_of(parameter: np.ndarray, x: np.ndarray) -> float:

@@ -6,8 +6,8 @@ import re
 import time
 from argparse import Namespace
 from dataclasses import replace
-from pathlib import Path as FilePath
 from functools import partial
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.result import (
@@ -119,7 +119,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
         return _tune_model(args, log)
     from flexgen.benchmarks.tune import tune as improve
 
-    alone(args, "a benchmark", *OF_MODELS)
+    alone(args, "a benchmark", *(name for name in OF_MODELS if name != "time_limit"))
     log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
     began = time.perf_counter()
     tuned = improve(args.scenario, **keywords(args), progress=throttle(log))
