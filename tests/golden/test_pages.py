@@ -331,6 +331,7 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
             weights="nls",
             causes=(),
             amplitude=None,
+            grade=None,
             model_error=0.0321,
             agreed=3,
             starts=5,

@@ -124,6 +124,8 @@ def test_the_verb_calibrate(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_verbs_tune_and_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
     class Tuned:
+        ended = ""
+
         score = SimpleNamespace(accepted=True)
 
         def __str__(self) -> str:
@@ -141,7 +143,7 @@ def test_the_verbs_tune_and_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
     args = arguments("tune", scenario="four_mass", starts=3, evaluations=40, out="c.toml")
     answer = control.tune(args, lines.append)
     assert lines[0] == "tune: 120 evaluations, about two seconds each"
-    assert answer.text == "tuned\n  1.5 s\nwrote c.toml" and answer.problem == ""
+    assert answer.text == "tuned\n  1.5 s\n\nwrote c.toml" and answer.problem == ""
     assert answer.data == {"score": 2.0, "controller": "c.toml"}
     Tuned.score = SimpleNamespace(accepted=False)
     assert control.tune(args, lines.append).problem == "the tuned controller is refused"
