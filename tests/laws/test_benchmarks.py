@@ -298,7 +298,9 @@ def test_a_page_of_a_score(tmp_path):
 def test_starts_in_parallel_come_in_their_order_and_tell_the_best(told):
     values = [3.0, 1.5, 2.0]
     jobs = [
-        SimpleNamespace(number=k, search=lambda tell, k=k: (f"found {k}", values[k]))
+        SimpleNamespace(
+            number=k, time_limit=None, search=lambda tell, k=k: (f"found {k}", values[k])
+        )
         for k in range(3)
     ]
     with ThreadPoolExecutor(1) as executor:
