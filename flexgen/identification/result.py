@@ -32,7 +32,7 @@ from flexgen.loop.robustness import ControlName
 from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.new_file import text_of_model, write_model_text
-from flexgen.model.overlay_keys import overlay_key
+from flexgen.model.overlay_keys import has_table, overlay_key
 from flexgen.progress import Choice
 from flexgen.registry import find_function
 from flexgen.results import Result
@@ -412,13 +412,14 @@ def write_model(
     if "urdf" not in overlay:
         text = words.head + write_parameters(old, *given)
         return write(words.finish(text), variant)
+    numbers = {p.key: values[p.name] for p in _numbers(model, values)}
+    own = {key: overlay_key(overlay, model, key) for key in numbers}
     try:
-        text = words.head + write_parameters(
-            old, *given, key_of=lambda key: overlay_key(overlay, model, key)
-        )
+        if not all(has_table(overlay, key) for key in own.values()):
+            raise ModelError(file, 0, "urdf", "a number without a table", "a table for each")
+        text = words.head + write_parameters(old, *given, key_of=own.__getitem__)
         return write(words.finish(text), variant)
-    except ModelError:  # the overlay has no table for one of them, or a number of several links
-        numbers = {p.key: values[p.name] for p in _numbers(model, values)}
+    except ModelError:  # also of a number of the overlay that is that of several links
         line = f"identified parameters ({_one_line(words.source)}); {words.note}".rstrip("; ")
         text = words.head + with_variant(old, file, IDENTIFIED, numbers, line, model.variant)
         return write(text, IDENTIFIED)

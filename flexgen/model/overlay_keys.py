@@ -41,6 +41,23 @@ def overlay_key(overlay: Mapping[str, Any], model: RobotModel, key: str) -> str:
     return f"joint.{_in_urdf(overlay, 'joint', joint)}.{rest}"
 
 
+def has_table(overlay: Mapping[str, Any], key: str) -> bool:
+    """Whether an overlay has the table, or the list, of a number: a table with this number alone would hide others.
+
+    A motor that the overlay has may get a friction: the URDF file states that of joints only.
+    """
+    here: Any = overlay
+    words = key.split(".")
+    for word in words[:2] if words[0] == "motor" else words[:-1]:
+        if isinstance(here, list):
+            here = next((x for x in here if isinstance(x, Mapping) and x.get("name") == word), None)
+        elif isinstance(here, Mapping):
+            here = here.get(word)
+        else:
+            return False
+    return isinstance(here, Mapping | list)
+
+
 def _of_motor(overlay: Mapping[str, Any], model: RobotModel, name: str, rest: str) -> str:
     """The key of a number of a motor in the table of its joint; empty where it has a table of its own."""
     if any(motor.get("name") == name for motor in overlay.get("motor", ())):
