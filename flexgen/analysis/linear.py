@@ -20,6 +20,14 @@ from flexgen.numerics.evaluate import evaluate
 
 # of the fastest pole over typical ones, from which on slow ones are computed by themselves
 SPREAD = 1e7
+# Poles whose estimated relative error is larger than this are refined: a model is known to less.
+DIGITS = 1e-9
+# Part of a typical rate below which a pole is one at the origin that rounding has moved: as it is.
+ORIGIN = 1e-7
+# Newton's steps for one root: each doubles the right digits, and the first guess has four or more.
+NEWTON_STEPS = 4
+# A refined root stays nearer to its first guess than this part of the distance to the next root.
+NEIGHBOR = 0.1
 
 
 @dataclass(frozen=True)
@@ -83,11 +91,16 @@ def poles(linear: LinearModel) -> np.ndarray:
     scaled[n:, :n] /= rate
     values = sort_roots(np.linalg.eigvals(scaled / rate) * rate)
     typical = float(np.median(np.sqrt(np.abs(np.diag(linear.K)) / np.diag(linear.M))))
-    if not np.abs(values[-1]) > SPREAD * typical > 0.0:
+    # the error of every eigenvalue is in proportion to the largest one
+    rounding = float(np.finfo(float).eps * np.abs(values[-1]))
+    if np.abs(values[-1]) > SPREAD * typical > 0.0:
+        slow = _slow_poles(linear, typical)
+        count = int((np.abs(slow) < np.sqrt(SPREAD) * typical).sum())
+        values = np.concatenate([slow[:count], values[count:]])
+    coarse = (np.abs(values) > ORIGIN * typical) & (np.abs(values) < rounding / DIGITS)
+    if not coarse.any():
         return values
-    slow = _slow_poles(linear, typical)
-    count = int((np.abs(slow) < np.sqrt(SPREAD) * typical).sum())
-    return np.concatenate([slow[:count], values[count:]])
+    return sort_roots(refined_roots(linear.M, linear.D, linear.K, values, coarse))
 
 
 def _slow_poles(linear: LinearModel, rate: float) -> np.ndarray:
@@ -101,6 +114,74 @@ def _slow_poles(linear: LinearModel, rate: float) -> np.ndarray:
     left = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
     right = np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), M]])
     return sort_roots(rate * eigvals(left, right))
+
+
+def refined_roots(
+    M: np.ndarray, D: np.ndarray, K: np.ndarray, roots: np.ndarray, chosen: np.ndarray
+) -> np.ndarray:
+    """Roots s [1/s] of ``det(P(s)) = 0``, ``P(s) = M s^2 + D s + K``, each improved by itself.
+
+    The singular vectors u, v of the smallest singular value of P(s), with rows and columns scaled
+    by the size of ``|s|^2 M + |K|`` at the root, give Newton's step
+
+        s - (u^H P(s) v) / (u^H P'(s) v).
+
+    Its error is that of the numbers in M, D and K (relative to s, half the rounding of the stiffest
+    spring over the stiffness that the mode feels), however far the other roots are: an eigenvalue
+    solver for all of them has the error of the largest one. A root keeps its value where the step
+    is not small beside the distance to its neighbor (a multiple root, to be had up to the root of
+    rounding only). Conjugates stay conjugates, real roots stay real.
+
+    Parameters
+    ----------
+    M, D, K : ndarray (n, n)
+    roots : ndarray (m,) [1/s]
+        Approximate roots.
+    chosen : ndarray of bool (m,)
+        Those to improve, with their conjugates.
+    """
+    found = roots.astype(complex)
+    for index in np.flatnonzero(chosen):
+        root = roots[index]
+        others = np.delete(roots, index)
+        gap = float(np.abs(others - root).min(initial=np.inf))
+        if root.imag < 0 or not np.isfinite(root) or not abs(root) > 0.0:
+            continue
+        better = _refined_root(M, D, K, root, NEIGHBOR * min(gap, abs(root)))
+        if root.imag > 0.0:
+            twin = int(np.abs(roots - np.conj(root)).argmin())
+            found[twin] = np.conj(better)
+        found[index] = better
+    return found
+
+
+def _refined_root(
+    M: np.ndarray, D: np.ndarray, K: np.ndarray, root: complex, reach: float
+) -> complex:
+    """One root after Newton's steps; as given where they lead further away than ``reach`` [1/s]."""
+    size = np.sqrt(np.abs(np.diag(K)) + np.abs(np.diag(M)) * abs(root) ** 2)
+    if not np.all(size > 0.0):
+        return root
+    M, D, K = (x / np.outer(size, size) for x in (M, D, K))
+    best = root
+    step_before = np.inf
+    for _ in range(NEWTON_STEPS):
+        P = M * best**2 + D * best + K
+        left, _, right = np.linalg.svd(P)
+        u = left[:, -1].conj()
+        v = right[-1].conj()
+        slope = u @ (2.0 * best * M + D) @ v
+        if slope == 0.0:
+            return root
+        step = (u @ P @ v) / slope
+        # the steps no longer shrink: what remains is rounding
+        if not abs(step) < 0.5 * step_before:
+            break
+        best = best - step
+        step_before = abs(step)
+        if abs(best - root) > reach:
+            return root
+    return complex(best.real, best.imag if root.imag else 0.0)
 
 
 def sort_roots(values: np.ndarray) -> np.ndarray:

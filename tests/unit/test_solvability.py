@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 from planar_family import planar_arm
@@ -304,3 +305,32 @@ def test_slow_poles_are_those_without_a_light_mass_on_a_stiff_spring(light: floa
     assert np.abs(found[:4].real / expected.real - 1.0)[2:].max() < 1e-6 + light
     assert found[4:].real == pytest.approx([-k / d, -d * stiff / light], rel=0.01)
     assert np.allclose(modes(found), modes(expected), rtol=1e-6 + light, atol=1e-8)
+
+
+@pytest.mark.parametrize("light", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_poles_beside_a_much_faster_one_are_exact(light: float) -> None:
+    """Against the roots of the characteristic polynomial in 60 digits, up to the rounding of K.
+
+    The stiff spring k is a sum of entries of K; its rounding eps k moves w = sqrt(c / m) of the
+    mode on the soft spring c by eps k / (2 c) of w. An eigenvalue solver for all poles at once is
+    off by eps times the fastest one.
+    """
+    masses = np.diag([3.0, light, 5.0])
+    k, soft = 4e8, 2.0
+    spring = np.array([[k, -k, 0.0], [-k, k + 4e4, -4e4], [0.0, -4e4, 4e4 + soft]])
+    damping = np.array([[5e4, -5e4, 0.0], [-5e4, 5e4 + 5.0, -5.0], [0.0, -5.0, 5.0]])
+    unit = np.eye(3)[:, :1]
+    found = poles(LinearModel(masses, damping, spring, unit, unit, unit.T))
+    with mpmath.workdps(60):
+        M, D, K = (mpmath.matrix(x.tolist()) for x in (masses, damping, spring))
+        points = [mpmath.mpf(10 * p) for p in range(7)]
+        powers = mpmath.matrix([[p ** (6 - j) for j in range(7)] for p in points])
+        values = mpmath.matrix([mpmath.det(M * p**2 + D * p + K) for p in points])
+        roots = mpmath.polyroots(list(mpmath.lu_solve(powers, values)), 1000, extraprec=1000)
+    exact = np.array(sorted((complex(r) for r in roots), key=lambda z: (abs(z), z.imag)))
+    rounding = np.finfo(float).eps * k / (2 * soft)
+    error = np.abs(np.array(sorted(found, key=lambda z: (abs(z), z.imag))) / exact - 1.0)
+    # a few roundings for the sums of three terms and the scaling of rows and columns
+    assert error[:2].max() < 8 * rounding
+    assert error[2:].max() < 1e-10
+    assert list(found[1::2][:2]) == list(np.conj(found[::2][:2]))
