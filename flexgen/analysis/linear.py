@@ -100,7 +100,7 @@ def poles(linear: LinearModel) -> np.ndarray:
     coarse = (np.abs(values) > ORIGIN * typical) & (np.abs(values) < rounding / DIGITS)
     if not coarse.any():
         return values
-    return sort_roots(refined_roots(linear.M, linear.D, linear.K, values, coarse))
+    return sort_roots(refine_roots(linear.M, linear.D, linear.K, values, coarse))
 
 
 def _slow_poles(linear: LinearModel, rate: float) -> np.ndarray:
@@ -116,7 +116,7 @@ def _slow_poles(linear: LinearModel, rate: float) -> np.ndarray:
     return sort_roots(rate * eigvals(left, right))
 
 
-def refined_roots(
+def refine_roots(
     M: np.ndarray, D: np.ndarray, K: np.ndarray, roots: np.ndarray, chosen: np.ndarray
 ) -> np.ndarray:
     """Roots s [1/s] of ``det(P(s)) = 0``, ``P(s) = M s^2 + D s + K``, each improved by itself.
@@ -147,7 +147,7 @@ def refined_roots(
         gap = float(np.abs(others - root).min(initial=np.inf))
         if root.imag < 0 or not np.isfinite(root) or not abs(root) > 0.0:
             continue
-        better = _refined_root(M, D, K, root, NEIGHBOR * min(gap, abs(root)))
+        better = _refine_root(M, D, K, root, NEIGHBOR * min(gap, abs(root)))
         if root.imag > 0.0:
             twin = int(np.abs(roots - np.conj(root)).argmin())
             found[twin] = np.conj(better)
@@ -155,7 +155,7 @@ def refined_roots(
     return found
 
 
-def _refined_root(
+def _refine_root(
     M: np.ndarray, D: np.ndarray, K: np.ndarray, root: complex, reach: float
 ) -> complex:
     """One root after Newton's steps; as given where they lead further away than ``reach`` [1/s]."""

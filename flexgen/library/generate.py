@@ -13,7 +13,6 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +52,7 @@ from flexgen.library.directory import (
     staging,
 )
 from flexgen.library.packaging import packaging
+from flexgen.library.source_digest import package_version, sources_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import added_sources
 from flexgen.model.reader import read
@@ -442,45 +442,17 @@ def _content_digest(request: _Request) -> str:
         request.per_point,
     ]
     choices += [list(request.parts), *([] if request.solvers is None else [list(request.solvers)])]
-    root = Path(__file__).resolve().parent.parent
-    alone = (
-        "spec/ports.py",
-        "runtime/identity.py",
-        "model/elements.py",
-        "model/friction.py",
-        "spec/parts.py",
-    )
-    sources = [*(root / path for path in alone), *added_sources(request.model)]
-    for folder in (
-        "analysis",
-        "codegen",
-        "expressions",
-        "library",
-        "mechanics",
-        "numerics",
-        "recursion",
-    ):
-        sources += sorted(path for path in (root / folder).iterdir() if path.suffix == ".py")
-    sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
-    code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+    added = [source.read_bytes() for source in added_sources(request.model)]
     parts = [
         FORMAT,
         ABI_VERSION,
         model_digest(request.model),
         __version__,
-        _casadi_version(),
-        code,
+        sources_digest(),
+        hashlib.sha256(b"".join(added)).hexdigest(),
         *choices,
     ]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-
-
-def _casadi_version() -> str:
-    """Version of CasADi, found without importing it."""
-    try:
-        return version("casadi")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) -> dict[str, Any]:
@@ -488,7 +460,7 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
     return {
         "format": FORMAT,
         "generator": f"flexgen {__version__}",
-        "casadi": _casadi_version(),
+        "casadi": package_version("casadi"),
         "name": spec.name,
         "digest": digest,
         "model_digest": spec.digest,

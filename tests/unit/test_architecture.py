@@ -21,6 +21,8 @@ import pytest
 from public_stub import STUB, stub
 from room_picture import PICTURE, graph, graph_of, picture, reduced, rows_of
 
+from flexgen.library.source_digest import CALLER, EMISSION, NUMERICAL, emission_files
+
 ROOT = Path(__file__).resolve().parents[2]
 
 # Applications of the middle rooms: none imports another, and no middle room imports one.
@@ -728,3 +730,42 @@ def test_planted_late_import_is_allowed_behind_help():
     texts = sources()
     texts["flexgen.cli.main"] += "\ndef late():\n    import casadi\n"
     assert "casadi" not in reached("flexgen.cli.main", all_imports(texts))
+
+
+def emission_modules(imports: Iterable[Import], known: Collection[str]) -> set[str]:
+    """All modules that writing a library can import, late imports and names in texts included.
+
+    Not the front room, whose names are those of all rooms.
+    """
+    graph: dict[str, set[str]] = {}
+    for found in inner(imports):
+        graph.setdefault(found.module, set()).add(found.target)
+    caller = module_name(f"flexgen/{CALLER}")
+    todo = {caller, *(module for module in known if f"{module}.".startswith(f"{EMISSION}."))}
+    seen = {"flexgen"}
+    while todo:
+        module = todo.pop()
+        seen.add(module)
+        todo |= {*graph.get(module, ()), module.rpartition(".")[0]} - seen
+    return seen - {"flexgen"}
+
+
+def test_the_digest_of_a_library_covers_all_that_the_emission_imports() -> None:
+    """Against the imports in the syntax trees; more files would only make libraries again."""
+    texts = sources()
+    expected = emission_modules(all_imports(texts), texts)
+    covered = emission_files(ROOT / "flexgen")
+    python = {module_name(f"flexgen/{file}") for file in covered if file.endswith(".py")}
+    assert python >= expected and len(python - expected) <= 3
+    fixed = {f"clib/{path.name}" for path in (ROOT / "flexgen" / "clib").glob("*.[ch]")}
+    assert len(fixed) > 20 and fixed == {file for file in covered if not file.endswith(".py")}
+    packages = {
+        found.target.partition(".")[0] for found in all_imports(texts) if found.module in expected
+    }
+    # readers of XML and the number of threads do not affect a text
+    others = packages - sys.stdlib_module_names - {"flexgen", "defusedxml", "threadpoolctl"}
+    assert others == set(NUMERICAL)
+    planted = texts | {
+        "flexgen.codegen.motor_constants": 'def f():\n    __import__("flexgen.paths.jets")\n'
+    }
+    assert "flexgen.paths.jets" in emission_modules(all_imports(planted), planted) - python
