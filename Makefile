@@ -23,7 +23,7 @@ RUN_TESTS = $(BIN)/python -m compileall -q -j 0 flexgen tests/support && FLEXGEN
 # would compile all that it imports again (2 s instead of 0.5 s).
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full test-arrays robots fuzz lint format types docs gallery bench dist sbom golden clean
+.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-kernels test-full test-arrays robots fuzz lint format types docs gallery bench dist sbom golden clean
 
 run: $(VENV)/.installed            ## solve the example planar5_nmp (the default target)
 	$(BIN)/python cli.py run planar5_nmp
@@ -73,6 +73,22 @@ test: $(VENV)/.test                ## the quick tests (about 5 minutes on two co
 test-slow: $(VENV)/.test           ## the other tests (about half an hour on two cores)
 	@echo "flexgen: slow tests, about half an hour on two cores"
 	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
+
+# OpenBLAS has kernels for each kind of processor, and their last bits differ: with vectors of 128, 256 and 512 bits. The
+# last ones need such a processor.
+KERNELS := Nehalem Haswell $(if $(shell grep -s -m 1 -o avx512f /proc/cpuinfo),SkylakeX)
+OF_NUMBERS := tests/unit/test_blas_kernels.py tests/unit/test_solvability.py tests/unit/test_numbers_middle.py \
+    tests/unit/test_structure.py tests/unit/test_zero_path.py tests/unit/test_unstable_open_loop.py \
+    tests/unit/test_planning.py tests/laws/test_minimum_time.py tests/laws/test_observers.py tests/laws/test_identify.py \
+    tests/laws/test_frequency_responses.py tests/laws/test_hold.py tests/cross/test_calibration.py tests/cross/test_growth.py \
+    tests/published/test_analysis.py
+
+test-kernels: $(VENV)/.test        ## tests of linear algebra with the kernels of other processors (2 minutes)
+	@for kernel in $(KERNELS); do \
+		echo "flexgen: quick tests of numbers with the kernels $$kernel of OpenBLAS, half a minute"; \
+		export OPENBLAS_CORETYPE=$$kernel; \
+		$(RUN_TESTS) -m 'not slow and not full and not robots' $(OF_NUMBERS) $(PYTEST) || exit 1; \
+	done
 
 test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
 	@echo "flexgen: large random samples and robots, more than half an hour on two cores"

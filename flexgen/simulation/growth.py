@@ -31,6 +31,8 @@ from flexgen.trajectory import Trajectory
 STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
 PHASE = 0.4  # rad: between instants of the grid, of the fastest Fourier sum of a motor angle
 MOST_HARMONIC = 8000  # intervals that resolve it, at most: some seconds of matrix exponentials
+# Part of the duration up to which two instants are the same: rounding of times, far below a sample.
+SAME = 1e-12
 AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: rounding
 
 
@@ -105,7 +107,9 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     model, t = equations.model, motion.t
     last = _last_moving(motion.v_a)
     count = int(np.clip((t[last] - t[0]) / STEP, FEWEST, MOST))
-    at = np.unique(np.searchsorted(t, np.linspace(t[0], t[last], count + 1)).clip(0, last))
+    # an instant of the grid that is a sample up to rounding is that sample, not the next one
+    instants = np.linspace(t[0], t[last], count + 1) - SAME * (t[last] - t[0])
+    at = np.unique(np.searchsorted(t, instants).clip(0, last))
     if has_harmonics(model):
         at = np.union1d(at, _samples_of_harmonics(model, motion.q_m[: last + 1]))
     arguments = [

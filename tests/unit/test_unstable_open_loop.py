@@ -169,3 +169,19 @@ def test_a_system_that_stays_stiff_is_an_error_with_the_reason(
         SolverError, match="the equations of motion are stiff and their solution has steep layers"
     ):
         simulate(equations, trajectory)
+
+
+@pytest.mark.parametrize("samples", [347, 501, 901])
+def test_the_grid_of_the_growth_does_not_depend_on_the_rounding_of_times(samples: int) -> None:
+    """Durations that differ in their last digits have the same grid, and growths as near."""
+    equations = derive("planar5_nmp")
+    n, n_m = equations.model.n_a, equations.model.n_m
+    zero = np.zeros((samples, n))
+    moving = np.ones((samples, n))
+    motor = np.zeros((samples, n_m))
+    times = np.linspace(0.0, 0.35, samples)
+    grids = []
+    for factor in 1.0 + np.finfo(float).eps * np.arange(-6, 7):
+        motion = Motion(times * factor, zero, moving, zero, motor, motor, motor, motor)
+        grids.append(linearize_along(equations, motion).at)
+    assert all(np.array_equal(grid, grids[0]) for grid in grids)
