@@ -20,9 +20,16 @@
 #include "model.h"
 #include "model_precision.h"
 
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(_M_FP_FAST) || \
     (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
 #error "compile without -ffast-math: it removes the rounding that sine, cosine and exp need"
+#endif
+/* Clang has no macro for -funsafe-math-optimizations and its parts: switched off, up to the end of the source. */
+#if defined(__clang__) && __clang_major__ >= 13
+#if defined(__x86_64__) || defined(__i386__) || defined(__aarch64__)
+#pragma float_control(precise, on)
+#endif
+#pragma clang fp reassociate(off) contract(off)
 #endif
 #if FLT_EVAL_METHOD != 0
 #error "compile for arithmetic that rounds every operation to its type, such as -msse2 -mfpmath=sse"

@@ -516,13 +516,12 @@ static inline void corner_position(const corner *c, int dimensions, const real u
 static inline real corner_speed(const corner *c, int dimensions, real at)
 {
     const real u[JET] = {at, 1.0, 0.0};
-    real x[DIMENSIONS][JET], sum;
+    real x[DIMENSIONS][JET], sum = 0.0;
     corner_position(c, dimensions, u, x);
-    sum = x[0][1] * x[0][1];
 #if MODEL_FURTHER
-    for (int i = 1; i < dimensions && i < LENGTHS; ++i) {
+    for (int i = 0; i < dimensions && i < LENGTHS; ++i) {
 #else  /* MODEL_FURTHER */
-    for (int i = 1; i < dimensions; ++i) {
+    for (int i = 0; i < dimensions; ++i) {
 #endif /* MODEL_FURTHER */
         sum += x[i][1] * x[i][1];
     }

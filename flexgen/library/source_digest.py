@@ -53,7 +53,7 @@ def sources_digest(root: Path | None = None) -> str:
 
 
 def emission_files(root: Path) -> dict[str, bytes]:
-    """The sources that writing a library imports, sorted by their paths below ``root``, with content.
+    """The sources that writing a library imports, by their paths below ``root``, sorted.
 
     Parameters
     ----------

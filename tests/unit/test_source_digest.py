@@ -77,7 +77,8 @@ def test_a_new_module_is_covered_as_soon_as_it_is_imported(copy: Path) -> None:
 @pytest.mark.parametrize("file", ["memory/lugre.py", "position_servo/filters.py"])
 def test_old_sources_do_not_stay_after_a_change(copy: Path, file: str, tmp_path: Path) -> None:
     program = (
-        "import json, flexgen; made = flexgen.generate('elbow', build=False, functions=['gravity']);"
+        "import json, flexgen\n"
+        "made = flexgen.generate('elbow', build=False, functions=['gravity'])\n"
         "print(json.dumps([flexgen.__file__, made.written]))"
     )
 
