@@ -110,12 +110,12 @@ enum {{ SAMPLES = 21, UPDATES = 10 }};
 static int invert_path(void)
 {{
     {real} y[SAMPLES * {nt}], zero[SAMPLES * {ny}] = {{0}}, tau_m[SAMPLES * {nm}];
-    const {name}_samples path = {{.n = SAMPLES, .period = {sampling}, .y = y, .dy = zero, .ddy = zero}};
-    {name}_motion motion = {{.tau_m = tau_m}}; /* no other results are wanted */
+    static {name}_samples path; /* static: members that are not set are zero */
+    static {name}_motion motion; /* no other results are wanted */
     {name}_inversion_options options = {name}_inversion_defaults();
     {name}_invert_info info;
 {declared}    {name}_status status = home_output(y);
-    const int64_t size = {name}_invert_work(path.n, &options);
+    const int64_t size = {name}_invert_work(SAMPLES, &options);
     {real} *work = ({real} *)malloc((size_t)size * sizeof({real}));
     if (work == NULL || status != {macro(spec, "OK")}) {{
         free(work);
@@ -124,6 +124,12 @@ static int invert_path(void)
     for (int i = {nt}; i < SAMPLES * {nt}; ++i) {{
         y[i] = y[i - {nt}];
     }}
+    path.n = SAMPLES;
+    path.period = {sampling};
+    path.y = y;
+    path.dy = zero;
+    path.ddy = zero;
+    motion.tau_m = tau_m;
 {fill}    status = {name}_invert(&path, {given}{name}_home_q_a, &options, &motion, &info, work, size);
     printf("invert: %s\\n", {name}_status_text(status));
     if (status == {macro(spec, "OK")}) {{
@@ -137,7 +143,7 @@ static int invert_path(void)
 static int run_stream(void)
 {{
     {real} y[{nt}], zero[{ny}] = {{0}}, tau_m[{nm}];
-    {name}_motion motion = {{.tau_m = tau_m}};
+    static {name}_motion motion; /* no other results are wanted */
     {name}_stream_options options = {name}_stream_defaults();
     {name}_stream stream;
     {name}_stream_info info;
@@ -151,6 +157,7 @@ static int run_stream(void)
         free(stream.memory);
         return 1;
     }}
+    motion.tau_m = tau_m;
 {fill}    status = {name}_stream_start(&stream, &options, y, {given}{name}_home_q_a);
     for (int k = 0; k < UPDATES && status >= 0; ++k) {{
         status = {name}_stream_update(&stream, y, zero, zero, &motion, &info);

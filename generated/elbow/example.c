@@ -34,12 +34,12 @@ static elbow_status home_output(elbow_real y[ELBOW_NT])
 static int invert_path(void)
 {
     elbow_real y[SAMPLES * ELBOW_NT], zero[SAMPLES * ELBOW_NY] = {0}, tau_m[SAMPLES * ELBOW_NM];
-    const elbow_samples path = {.n = SAMPLES, .period = 0.001, .y = y, .dy = zero, .ddy = zero};
-    elbow_motion motion = {.tau_m = tau_m}; /* no other results are wanted */
+    static elbow_samples path; /* static: members that are not set are zero */
+    static elbow_motion motion; /* no other results are wanted */
     elbow_inversion_options options = elbow_inversion_defaults();
     elbow_invert_info info;
     elbow_status status = home_output(y);
-    const int64_t size = elbow_invert_work(path.n, &options);
+    const int64_t size = elbow_invert_work(SAMPLES, &options);
     elbow_real *work = (elbow_real *)malloc((size_t)size * sizeof(elbow_real));
     if (work == NULL || status != ELBOW_OK) {
         free(work);
@@ -48,6 +48,12 @@ static int invert_path(void)
     for (int i = ELBOW_NT; i < SAMPLES * ELBOW_NT; ++i) {
         y[i] = y[i - ELBOW_NT];
     }
+    path.n = SAMPLES;
+    path.period = 0.001;
+    path.y = y;
+    path.dy = zero;
+    path.ddy = zero;
+    motion.tau_m = tau_m;
     status = elbow_invert(&path, elbow_home_q_a, &options, &motion, &info, work, size);
     printf("invert: %s\n", elbow_status_text(status));
     if (status == ELBOW_OK) {
@@ -61,7 +67,7 @@ static int invert_path(void)
 static int run_stream(void)
 {
     elbow_real y[ELBOW_NT], zero[ELBOW_NY] = {0}, tau_m[ELBOW_NM];
-    elbow_motion motion = {.tau_m = tau_m};
+    static elbow_motion motion; /* no other results are wanted */
     elbow_stream_options options = elbow_stream_defaults();
     elbow_stream stream;
     elbow_stream_info info;
@@ -75,6 +81,7 @@ static int run_stream(void)
         free(stream.memory);
         return 1;
     }
+    motion.tau_m = tau_m;
     status = elbow_stream_start(&stream, &options, y, elbow_home_q_a);
     for (int k = 0; k < UPDATES && status >= 0; ++k) {
         status = elbow_stream_update(&stream, y, zero, zero, &motion, &info);

@@ -1,6 +1,6 @@
-"""The sources of a library under the warnings of strict projects, and under options that change arithmetic.
+"""The sources of a library under strict warnings, and under options that change arithmetic.
 
-Compilers: GCC and Clang, where they are installed; the Clang of the package ziglang stands in for another.
+Compilers: GCC and Clang, where they are installed, and the Clang of the package ziglang.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def test_a_planted_variable_without_a_value_is_seen(
     assert "uninitialized" in said
 
 
-# --- arithmetic -------------------------------------------------------------------------------------------------------
+# --- arithmetic ---
 FAST = (
     "-ffast-math",
     "-funsafe-math-optimizations",
