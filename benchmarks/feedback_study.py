@@ -6,6 +6,7 @@ The times of a step are the best of several runs in this process; everything els
 from __future__ import annotations
 
 import platform
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,11 @@ def steps() -> str:
 
 
 def main() -> None:
-    """Write the page and the picture."""
+    """Write the page and the picture; ``--quick``: print two tunings of two feedbacks."""
+    if "--quick" in sys.argv:
+        study = feedback_study(families=("motor PD", "FL"), tunings=2, progress=False)
+        print(study.table)
+        return
     study = feedback_study(progress=False)
     study.plot().savefig(PICTURE)
     ratios = ", ".join(f"{study.ratio(s):.2f} ({s})" for s in study.settings if not s.exact)

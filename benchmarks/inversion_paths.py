@@ -13,7 +13,6 @@ import numpy as np
 import flexgen
 from flexgen.errors import FlexgenError
 from flexgen.inversion import sampling
-from flexgen.inversion.methods import lq
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
@@ -21,7 +20,7 @@ from flexgen.inversion.settling import SETTLED
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.paths.path import Path
-from flexgen.runtime.path_inversion import Inversion, Inverter
+from flexgen.runtime.path_inversion import TOLERANCE, Inversion, Inverter
 
 EXACT = 1e-6  # m and rad: what the tool may stray in simulation
 MESHES = (20e-3, 10e-3, 5e-3, 2.5e-3)  # s, tried in this order
@@ -117,15 +116,6 @@ def arguments(equations: Equations, move: str, mesh: float) -> dict:
     }
 
 
-def tolerance_of(method: str) -> float:
-    """The tolerance that ``solve`` gives this method."""
-    if method == "lq":
-        return lq.TOLERANCE
-    from flexgen.inversion.methods import bvp
-
-    return bvp.TOLERANCE
-
-
 def least_ms(call: Callable[[], object]) -> float:
     """Minimum processor time of a call in this thread [ms]."""
     best, began, count = np.inf, time.thread_time(), 0
@@ -143,7 +133,7 @@ def inverted(
     """The result of the library of one build, and the call that computes it."""
     library = inversion_library(derive(robot), method, native=native)
     invert: Inverter = getattr(library, "invert" if method == "lq" else method)
-    options = {"tolerance": tolerance_of(method)}
+    options = {"tolerance": TOLERANCE}  # of both methods in `solve`
     if method == "lq":  # as `solve` calls it; bvp computes all samples
         options["settled"] = SETTLED * InversionProblem.accuracy
     return invert(**given, **options), lambda: invert(**given, **options)

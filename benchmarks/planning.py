@@ -66,12 +66,12 @@ def timed(call: Callable[[], Any], repeat: int) -> tuple[Any, float]:
     return found, best
 
 
-def comparison(python: str | None) -> str:
+def comparison(python: str | None, most: int | None) -> str:
     """flexgen, Opti and opty on the same problems."""
     rows: list[tuple[object, ...]] = []
     file = Path(opti.__file__)
     hand = lines_of(file, "by_hand", "rest"), lines_of(file, "check_by_hand")
-    for model, move, mesh, cost, repeat in CASES:
+    for model, move, mesh, cost, repeat in CASES[:most]:
         what = f"{model}, {move}, {cost}"
         plan, seconds = timed(lambda a=(model, move, mesh, cost): with_flexgen(*a), repeat)
         own = lines_of(file, "with_flexgen")
@@ -208,14 +208,14 @@ def opty_error(equations: Any, answer: dict, t: np.ndarray) -> float:
     return float(np.linalg.norm(both[0] - both[1], axis=1).max())
 
 
-def evaluation() -> str:
+def evaluation(most: int | None) -> str:
     """Constraints, Jacobian and Hessian by CasADi's virtual machine and by compiled C."""
     rows = []
     for name, mesh, exact in (
         ("planar5_nmp", 50, True),
         ("manutec_r3_18", 50, False),
         ("manutec_r3_18", 50, True),
-    ):
+    )[:most]:
         problem = flexgen.plan_problem(name, mesh=mesh)
         problem.add_squares(problem["a_m"] / 100)
         layout = Layout((problem,), ())
@@ -249,11 +249,11 @@ def evaluation() -> str:
     return table(head, rows)
 
 
-def least_time() -> str:
+def least_time(most: int | None) -> str:
     """The free time law against `flexgen.fastest`."""
     rows = []
     limits = None
-    for count in (16, 40, 60):
+    for count in (16, 40, 60)[:most]:
         found = flexgen.fastest("planar5_nmp", "line", coefficients=count, progress=False)
         limits = found.limits
         error = f"{1e6 * found.solution.tool_error_max_m:.2g}"
@@ -265,7 +265,7 @@ def least_time() -> str:
                 f"{found.cpu_s:.1f}",
             )
         )
-    for tolerance in (1e-5, 1e-6):
+    for tolerance in (1e-5, 1e-6)[:most]:
         problem = flexgen.plan_problem(
             "planar5_nmp", "line", mesh=100, timing="free", limits=limits
         )
@@ -296,9 +296,15 @@ def least_time() -> str:
 
 
 def main() -> None:
-    """Measure and write."""
-    python = sys.argv[1] if len(sys.argv) > 1 else None
-    measured = evaluation(), least_time(), comparison(python)
+    """Measure and write; ``--quick``: the first case of each table, nothing written."""
+    quick = "--quick" in sys.argv
+    words = [word for word in sys.argv[1:] if word != "--quick"]
+    python = words[0] if words else None
+    most = 1 if quick else None
+    measured = evaluation(most), least_time(most), comparison(python, most)
+    if quick:
+        print(*measured, sep="\n")
+        return
     parts = [
         "# Planned motions\n",
         "Written by `python benchmarks/planning.py INTERPRETER` (an interpreter with opty). Processor times of one "

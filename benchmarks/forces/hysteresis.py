@@ -154,9 +154,13 @@ def main() -> None:
     """Print the table, and write it where it is wanted."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
-    write, rows = parser.parse_args().write, []
+    parser.add_argument("--quick", action="store_true", help="one robot; nothing written")
+    given = parser.parse_args()
+    write = given.write and not given.quick
+    robots = ROBOTS[: 1 if given.quick else None]
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for name in ROBOTS:
+        for name in robots:
             true = hysteretic(name, ARCMIN)
             rows.append(
                 row_of(
@@ -166,14 +170,14 @@ def main() -> None:
             print(rows[-1], flush=True)
         for head, parts in ((SEVERAL, THREE), (OTHER, BENT)):
             rows.append(head)
-            for name in ROBOTS:
+            for name in robots:
                 true, wide = (hysteretic(name, factor * ARCMIN, parts) for factor in (1.0, 1.2))
                 rows.append(
                     row_of(name, f"{folder}/{len(parts)}", [without_hysteresis(true), true, wide])
                 )
                 print(rows[-1], flush=True)
         rows.append(FRICTION)
-        for name in ROBOTS:
+        for name in robots:
             true = bristled(name, 1.0)
             rows.append(
                 row_of(name, f"{folder}/f", [without_lugre(true), true, bristled(name, 1.2)])

@@ -180,7 +180,10 @@ def main() -> None:
     """Print the table, and write it where it is wanted."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
-    write, rows = parser.parse_args().write, []
+    parser.add_argument("--quick", action="store_true", help="one robot; nothing written")
+    given = parser.parse_args()
+    write = given.write and not given.quick
+    rows = []
     two, carried, planar = (
         tomllib.loads((MODELS / f"{name}.toml").read_text(encoding="utf-8"))
         for name in ("two_arm", "carried_arm", "planar5_nmp")
@@ -192,7 +195,7 @@ def main() -> None:
         together("two_arms_on_elastic_base", planar, 2, base=True),
     ]
     with tempfile.TemporaryDirectory() as folder:
-        for data, tips in cases:
+        for data, tips in cases[: 1 if given.quick else None]:
             rows.append(row_of(data, tips, Path(folder)))
             print(rows[-1], flush=True)
     if write:

@@ -136,10 +136,13 @@ def measure(name: str, payload: float) -> list[list[Any]]:
 
 
 def main() -> None:
-    """Write the table."""
+    """Write the table; print it where models are named."""
     names = sys.argv[1:] or list(CASES)
     head = "model move unit sources stated_95 simulated_95 inside_percent solve_s predict_s times_solve".split()
     rows = [row for name in names for row in measure(name, CASES[name])]
+    if sys.argv[1:]:
+        csv.writer(sys.stdout, lineterminator="\n").writerows([head, *rows])
+        return
     with open(Path(__file__).with_name("coverage.csv"), "w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([head, *rows])
 
