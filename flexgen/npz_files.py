@@ -8,12 +8,15 @@ nothing is unpickled.
 from __future__ import annotations
 
 import ast
+import errno
 import math
 import re
+import stat
 import sys
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -25,7 +28,7 @@ HEADER = 10_000  # bytes of the header of an array, at most
 
 _END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"  # of the table of contents
 _END_SIZE, _COMMENT = 22, 2**16
-_TYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f(2|4|8|16)|U\d{1,9})")
+_TYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f(2|4|8|16)|U[1-9]\d{0,8})")
 # those of numpy; others unpack without a bound
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
@@ -64,32 +67,55 @@ def read_npz(
     OSError
         The file cannot be read.
     """
-    try:
+    with _damage_named():
         _check_directory(path, size_max)
-        with zipfile.ZipFile(path) as archive:
+        archive = zipfile.ZipFile(path)
+    with archive:
+        with _damage_named():
             _check_sizes(archive, path.stat().st_size)
             headers = _headers(archive, size_max)
-            for name, (shape, _, dtype, _) in headers.items():
-                if check is not None:
-                    check(name, shape, dtype)
+        for name, (shape, _, dtype, _) in headers.items():
+            if check is not None:
+                check(name, shape, dtype)
+        with _damage_named():
             return {name: _array(archive, name, *header) for name, header in headers.items()}
+
+
+@contextmanager
+def _damage_named() -> Iterator[None]:
+    """NpzError for what the modules of zip archives raise where a file is damaged.
+
+    ValueError, of which NpzError is one, comes from offsets that lie before the file.
+    """
+    try:
+        yield
     except NpzError:
         raise
+    except OSError as error:
+        # a negative offset: other errors are those of reading a file
+        if error.errno != errno.EINVAL:
+            raise
+        raise NpzError("a damaged .npz file (offsets)", "one that numpy.savez wrote") from None
     except (
         zipfile.BadZipFile,
         zlib.error,
         EOFError,
         NotImplementedError,
+        OverflowError,
         RuntimeError,
-        UnicodeError,
+        ValueError,
     ) as error:
         reason = str(error) or type(error).__name__
         raise NpzError(f"a damaged .npz file ({reason})", "one that numpy.savez wrote") from None
 
 
 def _check_directory(path: Path, size_max: int) -> None:
-    """Refuse a file that is not a zip archive, or one whose table of contents is too long to be read."""
-    size = path.stat().st_size
+    """Refuse what is not a zip archive, or one whose table of contents is too long to be read."""
+    facts = path.stat()
+    # a pipe would be waited for; a folder is refused by opening it
+    if not (stat.S_ISREG(facts.st_mode) or stat.S_ISDIR(facts.st_mode)):
+        raise NpzError("a pipe or a device", "a file")
+    size = facts.st_size
     if size > size_max:
         raise NpzError(f"a file of {size} bytes", f"at most {size_max}")
     with path.open("rb") as stream:
