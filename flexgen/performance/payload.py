@@ -27,8 +27,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import correlate1d
@@ -100,11 +101,18 @@ LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
+    ``mass`` and ``com`` are the difference from the payload of the model file (``file_mass``,
+    ``file_com``, ``file_inertia`` (3, 3) [kg m^2] about its center of mass); `is_total` where that
+    has no mass.
+
     These are those of a model with right masses and dimensions; frictions of motors and springs may be off.
-    The load is taken for a point mass; directions that the motion does not show have a deviation of about 1 m, or
+    The load is taken for a point mass: its inertia is not identified, and that of the payload of
+    the file stays. Directions that the motion does not show have a deviation of about 1 m, or
     the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not determined.
-    ``total_mass``, ``total_com``: of the load and the payload of the model file together. ``residual_Nm``: root mean
-    square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
+    ``total_mass``, ``total_com``, ``total_com_sd``, ``total_inertia`` (3, 3) about ``total_com``:
+    of the load and the payload of the model file together; the deviation of the mass is
+    ``mass_sd``. ``residual_Nm``: root mean square of the residual gear torques (n_g,), arm side.
+    ``delay_s``: time by which torques were recorded late [s].
     ``friction`` (2, n_m): viscous and other friction of each motor over those of the model.
     ``notes``: what was done to the record, as sentences. ``ended``: "time limit" or "interrupted"
     where the search was ended from outside, and the load is that of its best step; else empty.
@@ -129,6 +137,11 @@ class Load(Result):
     unknown_m: float = UNKNOWN
     notes: tuple[str, ...] = ()
     ended: str = ""
+    file_mass: float = 0.0
+    file_com: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    file_inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    total_com_sd: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    total_inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
 
     __repr__ = short_repr
 
@@ -139,26 +152,65 @@ class Load(Result):
             return ""
         return f"{self.ended}: the load is that of the best step of the search"
 
+    @property
+    def is_total(self) -> bool:
+        """Whether ``mass`` and ``com`` are all at the tool: the payload of the file has no mass."""
+        return self.file_mass == 0.0
+
+    def _entries(self) -> dict[str, Any]:
+        of = "total at the tool" if self.is_total else "difference from the payload of the file"
+        inertia = "not identified: point mass, and the inertia of the payload of the file"
+        return {"mass_and_com_are": of, "inertia_is": inertia, **super()._entries()}
+
     def __str__(self) -> str:
-        """Mass, center of mass, and frictions."""
+        """Mass, center of mass, of which payload, inertia that was assumed, and frictions."""
         viscous, other = (", ".join(f"{x:.2f}" for x in row) for row in self.friction)
         friction = (
             f"\nfriction of the motors over that of the model: viscous {viscous}; other {other}"
         )
         friction += "".join(f"\nrecord: {note}" for note in self.notes)
-        if not 2 * self.mass_sd < abs(self.mass):
-            return (
-                f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined"
-                + friction
-            )
-        com = ", ".join(
-            f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm"
-            if s < self.unknown_m
-            else f"{axis} not determined"
-            for axis, x, s in zip("xyz", self.com, self.com_sd, strict=True)
+        shown = self.com_sd < self.unknown_m
+        is_found = 2 * self.mass_sd < abs(self.mass)
+        load = f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass "
+        load += _center(self.com, self.com_sd, shown) if is_found else "not determined"
+        inertia = "\ninertia is not identified: the load is taken for a point mass"
+        if self.is_total:
+            of = "\nthis is the total at the tool: the payload of the model file has no mass"
+            if self.file_inertia.any():
+                inertia += f", with the inertia of that payload, {_six(self.file_inertia)}"
+            return load + of + inertia + friction
+        # what a small difference does not show is that of the file
+        known = shown if is_found else self.total_com_sd < self.unknown_m
+        of = (
+            "\nthis is the difference from the payload of the model file, "
+            f"{self.file_mass:.3f} kg; total at the tool {self.total_mass:.3f} +- "
+            f"{self.mass_sd:.3f} kg, center of mass "
+            + _center(self.total_com, self.total_com_sd, known)
         )
-        load = f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} in the frame of the last tip"
-        return load + friction
+        inertia += (
+            f", the inertia of the payload of the file stays, {_six(self.file_inertia)}; "
+            f"of both together {_six(self.total_inertia)}"
+        )
+        return load + of + inertia + friction
+
+
+def _center(com: np.ndarray, sd: np.ndarray, known: np.ndarray) -> str:
+    """A center of mass (3,) [m] as text; ``known`` (3,): directions that are determined."""
+    each = (
+        f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm" if is_known else f"{axis} not determined"
+        for axis, x, s, is_known in zip("xyz", com, sd, known, strict=True)
+    )
+    return ", ".join(each) + " in the frame of the last tip"
+
+
+def _six(inertia: np.ndarray) -> str:
+    """An inertia tensor (3, 3) as text."""
+    if not inertia.any():
+        return "0 kg m^2"
+    numbers = ", ".join(
+        f"{inertia['xyz'.index(name[0]), 'xyz'.index(name[1])]:.3g}" for name in AXES
+    )
+    return f"({numbers}) kg m^2 about its center of mass ({', '.join(AXES)})"
 
 
 @checked_types(own=("time_limit",))
@@ -495,6 +547,14 @@ class _Estimate:
         left = np.sqrt((r**2).sum(axis=0) / self.moving) * self.scale
         friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
         total = values_of(x, self.farthest)
+        of_total = np.column_stack([-total[1:], np.eye(3)]) / total[0]
+        total_com_sd = np.sqrt(
+            np.max([np.diag(of_total @ each[:4, :4] @ of_total.T) for each in covariances], axis=0)
+        )
+        of_file = np.array(self.robot.payload.inertia)
+        # that of a payload on a beam stays: see the names of the inertia
+        is_added = len(self.of_file) == len(AXES) + 4
+        of_load = _tensor(self._inertia(total)) if is_added else np.zeros((3, 3))
         numbers = (
             float(mass),
             float(mass_sd),
@@ -505,7 +565,16 @@ class _Estimate:
             left,
             float(x[4]),
         )
-        return Load(*numbers, friction, UNKNOWN * (min(1.0, self.length) or 1.0))
+        return Load(
+            *numbers,
+            friction,
+            UNKNOWN * (min(1.0, self.length) or 1.0),
+            file_mass=float(own),
+            file_com=center,
+            file_inertia=of_file,
+            total_com_sd=total_com_sd,
+            total_inertia=of_file + of_load,
+        )
 
     def _variance(self, r: np.ndarray) -> float:
         """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""
@@ -525,6 +594,12 @@ class _Estimate:
         scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, r), blocks)
         changes = np.linalg.solve(own.sum(axis=0) + weight - own, scores[..., None])[..., 0]
         return np.asarray(changes.T @ changes * (1.0 - 1.0 / len(blocks)))
+
+
+def _tensor(six: np.ndarray) -> np.ndarray:
+    """The tensor (3, 3) of an inertia in the order of `AXES`."""
+    xx, yy, zz, xy, yz, xz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def values_of(x: np.ndarray, farthest: float) -> np.ndarray:

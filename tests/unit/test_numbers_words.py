@@ -250,10 +250,16 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
         np.zeros(2),
         0.0,
         np.array([[0.7, 1.0], [1.204, 0.95]]),
+        file_mass=0.5,
+        total_com_sd=np.array([1e-3, 1e-3, 0.4]),
     )
     words = (
         "load 1.500 +- 0.250 kg, center of mass x 10.0 +- 1.0 mm, y 20.0 +- 2.0 mm, z -30.0 +- 3.0 mm in the frame of "
-        "the last tip\nfriction of the motors over that of the model: viscous 0.70, 1.00; other 1.20, 0.95"
+        "the last tip\nthis is the difference from the payload of the model file, 0.500 kg; total at "
+        "the tool 2.000 +- 0.250 kg, center of mass x 0.0 +- 1.0 mm, y 0.0 +- 1.0 mm, "
+        "z 0.0 +- 400.0 mm in the frame of the last tip\ninertia is not identified: the load is "
+        "taken for a point mass, the inertia of the payload of the file stays, 0 kg m^2; of both "
+        "together 0 kg m^2\nfriction of the motors over that of the model: viscous 0.70, 1.00; other 1.20, 0.95"
     )
     assert str(load) == words
     assert str(load.to_dict()["mass"]) == "1.5"
