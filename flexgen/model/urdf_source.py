@@ -6,7 +6,7 @@ import os
 import sys
 import sysconfig
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from flexgen.errors import ArgumentError
@@ -126,6 +126,11 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
         if base is not None or tip is not None:
             raise ArgumentError(f"base and tip: given in addition to {text!r}, expected each once")
         base, _, tip = ends.partition(":")
+        path = locate(file, Path()) if ":" in tip else None
+        if path is not None:
+            from flexgen.model.urdf import Urdf
+
+            base, tip = split_ends(ends, Urdf(path, from_here(path)).links)
     for what, name in (("base", base), ("tip", tip)):
         if not isinstance(name, (str, type(None))):
             raise ArgumentError(f"{what}: given {name!r}, expected the name of a link")
@@ -149,6 +154,17 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
         )
     root = wrap({"urdf": {"file": file, "base": base, "tip": tip}}, 0, file)
     return root, file, f"{file}#{base}:{tip}"
+
+
+def split_ends(ends: str, links: Collection[str]) -> tuple[str, str]:
+    """The two links in ``BASE:TIP``, whose names may have colons."""
+    words = ends.split(":")
+    for k in range(1, len(words)):
+        base, tip = ":".join(words[:k]), ":".join(words[k:])
+        if base in links and tip in links:
+            return base, tip
+    base, _, tip = ends.partition(":")
+    return base, tip
 
 
 def _is_urdf(text: str) -> bool:

@@ -19,7 +19,7 @@ from flexgen.model.reader import read
 from flexgen.model.urdf import Urdf, among
 from flexgen.model.urdf_chain import MOVING
 from flexgen.model.urdf_mimic import Motions
-from flexgen.model.urdf_source import PACKAGE, locate
+from flexgen.model.urdf_source import PACKAGE, locate, split_ends
 from flexgen.spec.tables import show
 from flexgen.spec.toml_text import toml, toml_key
 from flexgen.templates.urdf_repairs import Repairs, find_repairs, path_between, refuse_problems
@@ -73,7 +73,7 @@ def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
             f"urdf: given {file!r}, which is not a file, expected FILE.urdf or FILE.urdf#BASE:TIP"
         )
     urdf = Urdf(path, file)
-    base, _, tip = ends.partition(":") if ends else longest_chain(urdf)
+    base, tip = split_ends(ends, urdf.links) if ends else longest_chain(urdf)
     for what, link in (("BASE", base), ("TIP", tip)):
         if link not in urdf.links:
             raise ArgumentError(
@@ -105,7 +105,7 @@ def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
 # --- the chain ------------------------------------------------------------------------------------
 
 
-def longest_chain(urdf: Urdf) -> tuple[str, str, str]:
+def longest_chain(urdf: Urdf) -> tuple[str, str]:
     """The ends of the chain with the most coordinates that move a mass.
 
     From the root of a URDF file, or the link behind the last joint that is free, to the end of a
@@ -129,7 +129,7 @@ def longest_chain(urdf: Urdf) -> tuple[str, str, str]:
         size = (len(joints) - len(followers), len(joints) - len(loose))
         if size > best[2]:
             best = (base, light[0].parent if light else link, size)
-    return best[0], "", best[1]
+    return best[0], best[1]
 
 
 def _links_with_mass(urdf: Urdf) -> set[str]:

@@ -240,6 +240,14 @@ def _free_leaders(urdf: Urdf, repairs: Repairs, fixed: list[Joint]) -> dict[str,
             if one.type in MOVING and not _motion(urdf, repairs, one).fixed:
                 moving[one.name] = one
         moving[joint.name] = joint
+    # other joints that follow them stay where they are
+    root = path_between(urdf, _root(urdf, repairs.base), repairs.base)
+    known = {*moving, *repairs.lock, *(joint.name for joint in (*fixed, *root))}
+    for joint in urdf.joints.values():
+        if joint.type in MOVING and joint.name not in known:
+            motion = _try(partial(Motions(urdf, repairs.lock), joint))
+            if isinstance(motion, Motion) and motion.follows:
+                _place_follower(repairs, joint, motion)
     return moving
 
 

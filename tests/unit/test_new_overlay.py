@@ -356,6 +356,33 @@ def test_the_overlay_can_free_a_follower_or_change_its_factor(make, tmp_path, ke
     assert abs(found - (0.3 + second)) < 1e-12
 
 
+def test_a_chain_of_followers_only_moves_with_the_joint_that_they_follow(make):
+    """Another follower of it stays where it is, on its own branch."""
+    text = arm(
+        joint("j1", "base", "l1", mimic("side", 1.0, 0.2)),
+        joint("j2", "l1", "tip", mimic("side", -1.0, 0.0)),
+        joint("side", "base", "s"),
+        joint("finger", "s", "f", mimic("side", 0.5, 0.1)),
+        link("s"),
+        link("f"),
+    )
+    path, made = make(text, "#base:tip")
+    robot = read(path)
+    assert [c.name for c in robot.coordinates] == ["side"]
+    assert "locked at 0.1" in made.repairs[-1]
+    assert abs(angle_of_tip(robot, np.array([0.4])) - 0.2) < 1e-12
+
+
+def test_names_of_links_may_have_colons(make, tmp_path):
+    text = (
+        arm(FIRST, joint("j2", "l1", "tip")).replace('"base"', '"a:b"').replace('"tip"', '"c:d:e"')
+    )
+    path, _ = make(text, "#a:b:c:d:e")
+    assert read(path).n_a == 2
+    with pytest.raises(ModelError, match=r'link\."c:d:e"\.name: .* rename'):  # the ends are found
+        read(f"{tmp_path / 'r.urdf'}#a:b:c:d:e")
+
+
 def test_a_leader_outside_the_chain_is_named(make, tmp_path):
     second = joint("j2", "l1", "tip", mimic("side", 1.0, 0.0))
     text = arm(FIRST, second, link("s"), joint("side", "base", "s"))
