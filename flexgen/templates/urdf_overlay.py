@@ -30,6 +30,9 @@ RATIO, RATIO_TRANSLATION = 100.0, 500.0  # rad/rad, rad/m
 # kg m^2, of a rotor whose joint has no inertia of its own: a small servo motor
 ROTOR = 1e-5
 STEP = 0.3  # rad or m, of the move of an overlay
+# of the largest speed of a joint in this move to its mean: 2.71 with five continuous derivatives,
+# and a fifth more for the elasticity
+PEAK = 3.25
 POSES = 48  # drawn, at which the largest inertia of a joint is searched
 # rad and m around home: the part of a larger range, or of one without limits, in which poses are
 # drawn
@@ -403,6 +406,7 @@ def _drive(
 def _move(robot: RobotModel) -> list[str]:
     """A move of all joints from home, towards the middle of their ranges."""
     end = []
+    duration = 1.0
     for value, coordinate in zip(robot.home, robot.coordinates, strict=True):
         low, high = _ends(coordinate.dof)
         step = STEP if coordinate.unit == "rad" else STEP / 3.0
@@ -411,6 +415,9 @@ def _move(robot: RobotModel) -> list[str]:
         elif value + step > high:
             step = -step
         end.append(_place(coordinate, value + step))
+        limit = None if coordinate.dof is None else coordinate.dof.speed_max
+        if limit is not None:
+            duration = max(duration, PEAK * abs(step) / limit)
     start = ", ".join(_place(c, x) for c, x in zip(robot.coordinates, robot.home, strict=True))
     return [
         "[[move]]",
@@ -418,7 +425,7 @@ def _move(robot: RobotModel) -> list[str]:
         'type = "joint"',
         f"start_rad = [{start}]",
         f"end_rad = [{', '.join(end)}]",
-        "duration = 1.0  # s",
+        f"duration = {math.ceil(10.0 * duration) / 10.0!r}  # s",
         "smoothness = 5  # continuous derivatives of the path",
         "",
     ]

@@ -278,6 +278,15 @@ def test_check_finds_what_happens_in_a_move_only(make):
     assert words == ["torque of the motor to that of gravity in the move joints"]
 
 
+def test_the_move_is_within_the_limits_of_the_speeds(make):
+    slow = LIMIT.replace('velocity="2"', 'velocity="0.2"')
+    path, _ = make(arm(FIRST, joint("j2", "l1", "tip", slow)))
+    assert not any("speeds" in one.quantity for one in flexgen.check(path).warnings)
+    fast = path.read_text().replace("duration = 4.9", "duration = 1.0")
+    path.write_text(fast)
+    assert any("speeds" in one.quantity for one in flexgen.check(path).warnings)
+
+
 # --- joints that follow others --------------------------------------------------------------------
 
 
