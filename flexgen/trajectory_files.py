@@ -23,6 +23,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.spec.ports import Port
+from flexgen.spec.tables import open_file
 
 LARGEST = 2**30  # bytes of a file, and of the numbers in it, at most
 LINE = 100_000  # characters of a line, at most
@@ -257,7 +258,7 @@ def _cells(line: str) -> list[str]:
 
 def _read_csv(path: Path) -> Content:
     # a table of a spreadsheet may have the mark
-    with path.open(encoding="utf-8-sig", newline="") as stream:
+    with open_file(path, encoding="utf-8-sig", newline="") as stream:
         first = _line(stream, 1)
         plain = not first.startswith("#")
         if plain and not first.startswith("time"):

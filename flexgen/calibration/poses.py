@@ -22,6 +22,7 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.records.columns import find_column
 from flexgen.records.tables import is_number
+from flexgen.spec.tables import open_file
 from flexgen.type_checks import checked_result
 
 LARGEST = 100_000  # poses
@@ -99,7 +100,7 @@ class StaticPoses:
         """
         source = Path(path)
         try:
-            with source.open(encoding="utf-8-sig", newline="") as stream:
+            with open_file(source, encoding="utf-8-sig", newline="") as stream:
                 rows = list(_rows(source, csv.reader(stream)))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ArgumentError(f"{source}: cannot be read as CSV: {error}") from None

@@ -20,7 +20,7 @@ import numpy as np
 
 from flexgen.errors import ModelError
 from flexgen.model.format_robot import rotation_matrix
-from flexgen.spec.tables import LARGEST, SMALLEST, bare, show
+from flexgen.spec.tables import LARGEST, SMALLEST, bare, open_file, show
 from flexgen.spec.toml_lines import WIDTH
 from flexgen.spec.xml_lines import MarkupError, Node, parse
 
@@ -152,7 +152,7 @@ class Urdf:
     def __init__(self, path: Path, file: str) -> None:
         self.file = file
         try:
-            with path.open("rb") as stream:
+            with open_file(path, "rb") as stream:
                 raw = stream.read(SIZE_MAX + 1)
         except OSError as error:
             self.fail(

@@ -9,6 +9,7 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.paths.tool_force import CHANNEL, LABELS, UNITS
 from flexgen.spec.ports import Port
+from flexgen.spec.tables import open_file
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
@@ -18,7 +19,7 @@ LINE_MAX, ROWS_MAX = 1000, 200_000  # characters, rows of a file
 def is_table(file: Path) -> bool:
     """Whether a file is a CSV file without the meta data of a trajectory."""
     try:
-        with file.open("rb") as stream:
+        with open_file(file, "rb") as stream:
             return file.suffix.lower() == ".csv" and not stream.read(4).removeprefix(
                 b"\xef\xbb\xbf"
             ).startswith(b"#")
@@ -29,7 +30,7 @@ def is_table(file: Path) -> bool:
 def read_force(file: Path, first: str, expected: str) -> Trajectory:
     """The columns ``first``, fx, fy, fz (, mx, my, mz) of a file, the first one as time; ArgumentError for others."""
     try:
-        with file.open(encoding="utf-8-sig") as stream:
+        with open_file(file, encoding="utf-8-sig") as stream:
             names = [name.strip() for name in stream.readline(LINE_MAX).split(",")]
             rows = np.loadtxt(stream, delimiter=",", ndmin=2, max_rows=ROWS_MAX)
     except OSError as error:

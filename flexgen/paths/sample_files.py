@@ -16,7 +16,7 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import OF_ROTATION, RobotModel
 from flexgen.npz_files import NpzError, read_npz
 from flexgen.paths.jets import axis_angle, quaternion_product
-from flexgen.spec.tables import closest
+from flexgen.spec.tables import closest, open_file
 
 ROWS_MAX = 200_000
 SIZE_MAX = 200_000_000  # bytes
@@ -123,7 +123,7 @@ class _File:
 
     def _rows(self, file: FilePath) -> Iterator[tuple[int, list[str]]]:
         """Number and cells of each line that is not empty, one at a time."""
-        with file.open(encoding="utf-8-sig") as stream:
+        with open_file(file, encoding="utf-8-sig") as stream:
             for n in range(1, LINES_MAX + 2):
                 try:
                     row = stream.readline(LINE_MAX + 1)

@@ -24,6 +24,7 @@ from flexgen.records.columns import ALIKE, Column, column_of, find_time
 from flexgen.records.description import read_description
 from flexgen.records.tables import read_arrays
 from flexgen.spec.ports import Port
+from flexgen.spec.tables import open_file
 from flexgen.trajectory import Trajectory, channel_values
 from flexgen.trajectory_files import LARGEST
 
@@ -82,7 +83,7 @@ def read_motor_record(
 
 def _is_whole(path: Path) -> bool:
     """Whether a file is a trajectory with its meta data and the number of its rows."""
-    with path.open("rb") as stream:
+    with open_file(path, "rb") as stream:
         return path.suffix == ".csv" and stream.read(4).removeprefix(b"\xef\xbb\xbf")[:1] == b"#"
 
 

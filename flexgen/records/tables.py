@@ -16,6 +16,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.npz_files import NpzError, read_npz
+from flexgen.spec.tables import open_file
 
 EXPECTED = "names in line 1, then numbers with a decimal point, and commas between the columns"
 SKIPPED = "-"  # name of a column that is not read
@@ -101,7 +102,7 @@ def _csv(file: Path, columns: Sequence[str] | None) -> dict[str, Any]:
 
 def _names(file: Path) -> tuple[list[str], int]:
     """Cells of the first line that is no comment, and the number of lines above it."""
-    with file.open(encoding="utf-8-sig", newline="") as stream:
+    with open_file(file, encoding="utf-8-sig", newline="") as stream:
         top = 0
         line = stream.readline()
         while line.startswith("#") and top < LINES:
@@ -120,7 +121,7 @@ def is_number(cell: str) -> bool:
 
 def _numbers(file: Path, names: Sequence[str], top: int) -> np.ndarray:
     """The numbers below the first lines; a masked array where cells are empty."""
-    with file.open(encoding="utf-8-sig") as stream:
+    with open_file(file, encoding="utf-8-sig") as stream:
         for _ in range(top):
             stream.readline()
         try:
@@ -132,7 +133,7 @@ def _numbers(file: Path, names: Sequence[str], top: int) -> np.ndarray:
         return values
     rows: list[list[float]] = []
     empty: list[list[bool]] = []
-    with file.open(encoding="utf-8-sig", newline="") as stream:
+    with open_file(file, encoding="utf-8-sig", newline="") as stream:
         for line, cells in enumerate(csv.reader(stream), 1):
             if line <= top or not "".join(cells).strip() or cells[0].startswith("#"):
                 continue

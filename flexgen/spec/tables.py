@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import codecs
 import difflib
+import errno
 import math
+import os
 import re
+import stat
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from flexgen.errors import ArgumentError, FileError, ModelError
 from flexgen.spec.ports import identifier_problem
@@ -371,10 +374,29 @@ def entry_name(entry: Entry) -> str | None:
     return name.value if good and name is not None else None
 
 
+def open_file(path: Path, mode: str = "r", **options: Any) -> IO[Any]:
+    """Open a file to read it, as `open`; OSError where it is a pipe or a device, without waiting.
+
+    Opening a pipe waits for a writer, and a device may have no end.
+    """
+    return open(path, mode, opener=_open_regular, **options)
+
+
+def _open_regular(name: str, flags: int) -> int:
+    """The descriptor of a regular file; the check is of what was opened, not of what had the name."""
+    descriptor = os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+    kind = os.fstat(descriptor).st_mode
+    # a folder is refused by what opens it
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "a pipe or a device, expected a file", name)
+    return descriptor
+
+
 def file_bytes(path: Path, what: str, shown: str = "") -> bytes:
     """The content of a file, at most a byte more than any table may have; ArgumentError where it cannot be read."""
     try:
-        with path.open("rb") as stream:
+        with open_file(path, "rb") as stream:
             return stream.read(FileTable.size_max + 1)
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason, given = getattr(error, "strerror", None) or error, shown or str(path)
