@@ -84,7 +84,7 @@ def servo(
         explained=explained,
         converged=converged,
         motors=("m1", "m2"),
-        record=Made(source="a.csv", command=np.array([[0.0], [1.0], [2.0]]), angle=angle),
+        record=Made(source="a.csv", notes=(), command=np.array([[0.0], [1.0], [2.0]]), angle=angle),
         interpolation="linear",
         model="arm",
     )
