@@ -20,7 +20,7 @@ from flexgen.model.friction import (
 
 # methods that search for minutes (IPOPT)
 SEARCHES = ("collocation", "full")
-# Times the accuracy: a smaller error of a method that is exact on fine meshes is no reason to search for minutes.
+# Times the accuracy: up to this error a method that is exact on fine meshes needs no search of minutes after it.
 NEARLY = 100.0
 # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 FULL_LARGEST = 8

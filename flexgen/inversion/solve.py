@@ -63,7 +63,7 @@ NEAR = 100.0  # times the accuracy: an error of lq that a finer mesh may still r
 ENERGY = 1e-7
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
-# of the largest torque: estimated error of torques from which on they are no solution, although the tool follows
+# of the largest torque: estimated error of torques above which they are refused, although the tool follows
 RIPPLE_MOST = 0.1
 TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
@@ -282,7 +282,8 @@ def _automatic_solution(
             break
         if found is None:
             continue
-        if found.status != Status.TOLERANCE_NOT_MET:
+        # no other method is quieter on a mesh that does not resolve the torques
+        if found.status != Status.TOLERANCE_NOT_MET or "ripple" in found.details:
             return (
                 replace(found, details={**found.details, "attempts": outcomes})
                 if outcomes
@@ -492,7 +493,7 @@ def _with_ripple(solution: Solution) -> Solution:
         f"the motor torques ripple: about {error:.0%} of the largest one is an error of the mesh; try a finer --mesh, a "
         "smoother move, or another --method"
     )
-    details = {**solution.details, "missed": cause, "cause": cause}
+    details = {**solution.details, "missed": cause, "cause": cause, "ripple": error}
     return replace(noted, status=Status.TOLERANCE_NOT_MET, details=details)
 
 
