@@ -9,7 +9,7 @@ import numpy as np
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import steepness
 
-# An explicit method takes at most so many times the steps that follow an oscillation, which an implicit one needs too.
+# Ratio of the steps of an explicit method to those of an oscillation, which an implicit one needs too: at most.
 BESIDE = 30.0
 
 

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 # a few minutes of the explicit method; a long motion may take LONG each second
 EVALUATIONS = 5_000_000
 LONG = 3e5
-# evaluations for each radian of the fastest mode where that oscillates: twenty times what the explicit method needs to
-# follow it; more where its errors of rounding are above the tolerance
+# evaluations for each radian of the fastest mode where that oscillates: the explicit method follows it with twenty. It
+# needs more where its errors of rounding are above the tolerance
 EACH_TURN = 400.0
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
 # for each instant, where the torque has another piece: not stiff below it (a step takes twelve)
