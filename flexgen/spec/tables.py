@@ -383,7 +383,7 @@ def open_file(path: Path, mode: str = "r", **options: Any) -> IO[Any]:
 
 
 def _open_regular(name: str, flags: int) -> int:
-    """The descriptor of a regular file; the check is of what was opened, not of what had the name."""
+    """The descriptor of a regular file; what was opened is checked, not what had the name."""
     descriptor = os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
     kind = os.fstat(descriptor).st_mode
     # a folder is refused by what opens it

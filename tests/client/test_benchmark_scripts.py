@@ -57,7 +57,7 @@ NEEDS = {
 OTHERS = {
     "array_parts/gpu.py": "needs a GPU",
     "inversion_opty.py": "started by inversion.py, with an interpreter that has opty",
-    "planning_peers/opty_rest_to_rest.py": "started by planning.py, with an interpreter that has opty",
+    "planning_peers/opty_rest_to_rest.py": "started by planning.py, as inversion_opty.py",
 }
 
 
