@@ -142,7 +142,7 @@ PARAMETERS = {
     "exports/fmu/export.py export_fmu": 12,  # a verb
     "exports/ros2/export.py export_ros2": 10,  # a verb
     # a verb; numbers and exponents of elements are what gears differ in
-    "gears/identify.py identify_gears": 12,
+    "gears/identify.py identify_gears": 13,
     "identification/experiments/plan.py excite": 18,  # a verb
     "identification/graybox.py identify": 18,  # a verb
     "identification/motion_fit.py fit_motion": 11,  # a verb
