@@ -9,6 +9,7 @@ elastic humanoid upper body and efficient compensation for motion planning, IEEE
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,16 @@ import numpy as np
 from flexgen.calibration.accuracy import Accuracy, accuracy_of
 from flexgen.calibration.components import Tilt, find_tilt, seen_others, tilt_slopes, whitening_of
 from flexgen.calibration.fit import Minimum, Problem, fit
-from flexgen.calibration.mistakes import DOUBTFUL, find_start
-from flexgen.calibration.parameters import GROUPS, Priors, Unknown, trackers_of, unknowns_of
+from flexgen.calibration.mistakes import DOUBTFUL, find_start, place_points, start_at_points
+from flexgen.calibration.parameters import (
+    GROUPS,
+    Priors,
+    Unknown,
+    length_of_scale,
+    points_of,
+    trackers_of,
+    unknowns_of,
+)
 from flexgen.calibration.poses import StaticPoses
 from flexgen.calibration.result import Calibration
 from flexgen.calibration.statics import Numbers, Statics
@@ -61,7 +70,10 @@ def calibrate(
     model : RobotModel, str or Path
         With linear springs, and a ``[[sensor]]`` of type ``tracker`` for each measured point.
     poses : StaticPoses, str or Path
-        Or the CSV file with one line for each pose; see `StaticPoses.read`.
+        Or the CSV file with one line for each pose; see `StaticPoses.read`. Trackers that touch
+        fixed points, without measured positions, determine neither the place of the base nor the
+        zero of a joint about which all points turn, and no length scale: with ``placements`` one
+        length is held.
     free : sequence of str
         Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements, ``compliances``, ``mechanisms``
         (factors of ``mimic``), ``masses`` (with centers of mass). Default: all.
@@ -109,14 +121,20 @@ def calibrate(
     tree, trackers = Tree(robot), trackers_of(robot)
     data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot)
     _check(robot, data, len(trackers), folds)
-    unknowns = unknowns_of(tree, free, place, priors or Priors())
+    _check_points(robot, data, place)
+    unknowns, held = _unknowns(tree, free, place, priors or Priors(), data)
     with limit_fit("calibrate", time_limit, tell):
-        study = _Study(Statics(tree, data.commands), data.positions, unknowns, robust)
-        found = find_start(study.statics, data, place, tell)
-        frames = unknowns_of(tree, (), place, priors or Priors())
+        study = _Study(Statics(tree, data.commands, data.groups), data.targets, unknowns, robust)
+        if data.is_measured:
+            found = find_start(study.statics, data, place, tell)
+        else:
+            found = start_at_points(study.statics, data)
+        centers = place_points(study.statics, found, data.groups, len(data.point_names))
+        found = replace(found, points=centers)
+        frames, _ = _unknowns(tree, (), place, priors or Priors(), data)
         known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
         before = fit(
-            Problem(study.statics, data.positions, frames, robust), np.array(list(known.values()))
+            Problem(study.statics, data.targets, frames, robust), np.array(list(known.values()))
         )
         result, accuracy, tilt = study.fit(
             np.array([known.get(u.name, u.start) for u in unknowns]), tell
@@ -141,7 +159,8 @@ def calibrate(
         np.linalg.norm(result.rest.points - stiff.points, axis=2),
         tilt,
         result.converged and not reason,
-        _warn_unexplained(result, data.positions)
+        _warn_scale(held)
+        + _warn_unexplained(result, data.positions)
         + _warnings(unknowns, result, accuracy.pull, held_out),
         reason,
     )
@@ -182,6 +201,8 @@ class _Study:
         return found, accuracy_of(problem, found), self._tilt(found)
 
     def _tilt(self, found: Minimum) -> Tilt | None:
+        if self.statics.groups is not None and (self.statics.groups >= 0).any():
+            return None  # it would move the poses at a fixed point against each other
         gross = (np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1)
         numbers = Numbers.of(self.statics.tree, self.unknowns, found.x)
         return find_tilt(self.statics, numbers, found.rest, self.measured, ~gross)
@@ -217,6 +238,11 @@ class _Study:
             numbers, others = problem.numbers(one.x), self.statics.among(left_out)
             rest = others.rest(numbers, whole.rest.near.among(left_out))
             errors[left_out] = np.linalg.norm(rest.measured - self.measured[left_out], axis=2)
+            if self.statics.groups is not None:
+                # the place of a point that no other pose touches is not known
+                groups = self.statics.groups
+                known = (groups < 0) | np.isin(groups, groups[kept])
+                errors[left_out] = np.where(known[left_out], errors[left_out], np.nan)
             if seen is not None and tilt is not None:
                 seen[left_out] = seen_others(others, numbers, rest, self.measured[left_out], tilt)
         return errors, seen
@@ -232,26 +258,85 @@ def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None
         )
     if len(data) < FEWEST:
         raise ArgumentError(f"poses: given {len(data)}, expected at least {FEWEST}")
+    different = len(np.unique(data.commands, axis=0))
+    if different < FEWEST:
+        raise ArgumentError(
+            f"poses: given {len(data)} with {different} different commands, expected at least "
+            f"{FEWEST} that differ"
+        )
     if folds != 0 and not 2 <= folds <= len(data):
         raise ArgumentError(
             f"folds: given {folds}, expected 0, or 2 to {len(data)}, the number of poses"
         )
-    if not np.isfinite(data.positions).all(axis=2).any(axis=0).all():
+    if not np.isfinite(data.targets).all(axis=2).any(axis=0).all():
         raise ArgumentError(
             "poses: given a tracker that was seen in no pose, expected at least one position of each"
         )
 
 
+def _check_points(robot: RobotModel, data: StaticPoses, place: Sequence[str]) -> None:
+    """Refuse what fixed points beside measured positions, or without any, cannot start from."""
+    seen = np.isfinite(data.positions).all(axis=2)
+    if not data.point_names:
+        return
+    if not data.is_measured:
+        if place:
+            raise ArgumentError(
+                f"place: given {', '.join(place)} and fixed points only, expected measured "
+                "positions for elements without a known place"
+            )
+        return
+    trackers = [sensor.name for sensor in trackers_of(robot)]
+    for name, count in zip(trackers, seen.sum(axis=0).tolist(), strict=True):
+        if count < FEWEST:
+            raise ArgumentError(
+                f"poses: given {count} measured positions of {name} beside fixed points, expected "
+                f"none of any tracker, or at least {FEWEST} of each"
+            )
+
+
+def _unknowns(
+    tree: Tree, free: Sequence[str], place: Sequence[str], priors: Priors, data: StaticPoses
+) -> tuple[list[Unknown], str]:
+    """The free numbers of the model and the fixed points; and the one that is held for the scale.
+
+    Fixed points alone have no frame of the measurement, and all lengths can grow alike.
+    """
+    found = unknowns_of(tree, free, place, priors)
+    held = ""
+    if not data.is_measured:
+        held = length_of_scale(tree) if "placements" in free else ""
+        found = [u for u in found if u.kind != "frame" and u.name != held]
+    return [*found, *points_of(data.point_names)], held
+
+
+def _warn_scale(held: str) -> tuple[str, ...]:
+    if not held:
+        return ()
+    return (
+        f"fixed points alone have no length scale: {held} is held at the model file, the other "
+        "lengths and their deviations are relative to it; a few measured positions determine it",
+    )
+
+
 def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
     """Values of the frame of the measurement, the trackers and the places, from the search in closed form."""
-    arrays = {"frame": found.frame, "tracker": found.trackers, "node": found.shifts}
+    arrays = {
+        "frame": found.frame,
+        "tracker": found.trackers,
+        "node": found.shifts,
+        "point": found.points,
+    }
     return np.array([arrays[u.kind][u.at if len(u.at) > 1 else u.at[0]] for u in unknowns])
 
 
 def _warn_unexplained(found: Minimum, measured: np.ndarray) -> tuple[str, ...]:
     """The part of the motion that the calibrated model does not explain, where that is more than a tenth."""
+    seen = np.isfinite(measured).all(axis=2)
+    if not seen.any():
+        return ()
     distance = np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2)
-    part = float(np.nanmedian(found.errors) / max(np.nanmedian(distance), 1e-9))
+    part = float(np.median(found.errors[seen]) / max(np.nanmedian(distance), 1e-9))
     if part <= DOUBTFUL:
         return ()
     return (

@@ -22,6 +22,9 @@ from flexgen.model.elements import RobotModel
 
 # parts of the scatter from which on mistakes are tried, and poses refused
 DOUBTFUL, UNEXPLAINED = 0.1, 0.5
+SHUFFLES = (
+    8  # of the commands, for the scatter of the trackers of poses that have nothing in common
+)
 STILL = 1e-9  # m: largest motion of a tracker that no joint moves
 # most of the error that is left where a mistake is named, which is below `DOUBTFUL`, too
 NAMED = 1 / 3
@@ -44,8 +47,14 @@ def find_start(
         progress("frame of the measurement, trackers and unknown places")
     start = start_frames(statics, data.positions, place)
     error, scatter = _agreement(statics, data.positions, start)
-    if error <= DOUBTFUL * scatter:
+    # errors of trackers that do not move, such as those of one pose given many times, are rounding
+    if error <= max(DOUBTFUL * scatter, STILL):
         return start
+    if scatter < STILL:
+        raise ArgumentError(
+            f"{data.source or 'poses'}: given positions of a tracker that are all equal, expected "
+            "those of poses that differ"
+        )
     if progress is not None:
         progress(
             f"{100 * error / scatter:.0f} % of the motion is not explained: searching for a mistake in the poses"
@@ -64,6 +73,49 @@ def find_start(
         f"{data.source or 'poses'}: given positions that scatter by {scatter:.3g} m, of which the model leaves "
         f"{error:.3g} m unexplained, expected poses of {statics.model.name}: {advice}"
     )
+
+
+def start_at_points(statics: Statics, data: StaticPoses) -> Numbers:
+    """The numbers of the model file, for poses at fixed points only; there is no frame to find.
+
+    Raises
+    ------
+    ArgumentError
+        The trackers are not nearer to their fixed points than those of shuffled commands.
+    """
+    numbers = Numbers.of(statics.tree)
+    error = _scatter_at_points(statics, numbers, data.groups)
+    rng = np.random.default_rng(0)
+    shuffled = [
+        _scatter_at_points(
+            statics.with_commands(rng.permuted(data.commands, axis=0)), numbers, data.groups
+        )
+        for _ in range(SHUFFLES)
+    ]
+    expected = float(np.median(shuffled))
+    if error > max(UNEXPLAINED * expected, STILL):
+        raise ArgumentError(
+            f"{data.source or 'poses'}: given poses at fixed points where the trackers of the "
+            f"model scatter by {error:.3g} m, as of shuffled commands, {expected:.3g} m; expected "
+            f"poses of {statics.model.name}: check units, signs and the order of the columns"
+        )
+    return numbers
+
+
+def place_points(statics: Statics, numbers: Numbers, groups: np.ndarray, count: int) -> np.ndarray:
+    """Means (count, 3) [m] of the trackers that touch each fixed point, of a rigid robot."""
+    there = statics.rest(numbers, rigid=True).measured
+    return np.array([there[groups == k].mean(axis=0) for k in range(count)]).reshape(-1, 3)
+
+
+def _scatter_at_points(statics: Statics, numbers: Numbers, groups: np.ndarray) -> float:
+    """Median distance [m] of the trackers from the mean of those at the same point."""
+    there = statics.rest(numbers, rigid=True).measured
+    away = [
+        np.linalg.norm(there[groups == k] - there[groups == k].mean(axis=0), axis=1)
+        for k in range(int(groups.max()) + 1)
+    ]
+    return float(np.median(np.concatenate(away)))
 
 
 def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tuple[float, float]:

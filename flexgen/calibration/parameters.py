@@ -83,7 +83,8 @@ class Unknown:
     """One number: ``kind`` and ``at`` say where it belongs, ``start`` and ``sd`` are mean and width of its prior.
 
     Kinds: ``node`` (index of the node), ``frame`` (0 to 5), ``tracker`` (index, axis), ``compliance`` (index),
-    ``factor`` (mechanism, coordinate), ``mass`` (index of the body), ``center`` (body, axis).
+    ``factor`` (mechanism, coordinate), ``mass`` (index of the body), ``center`` (body, axis),
+    ``point`` (index of the fixed point, axis).
     """
 
     name: str
@@ -185,6 +186,50 @@ def unknowns_of(  # noqa: C901
     if "masses" in free:
         out += _masses(tree, priors)
     return out
+
+
+def points_of(names: Sequence[str]) -> list[Unknown]:
+    """The places of fixed points that trackers touch, in the frame of the measurement."""
+    return [
+        Unknown(f"point.{name}.{axis}", "m", "point", (k, i), 0.0, UNKNOWN.position)
+        for k, name in enumerate(names)
+        for i, axis in enumerate(AXES)
+    ]
+
+
+def length_of_scale(tree: Tree) -> str:
+    """The name of the number that fixed points do not determine, since all lengths can grow alike.
+
+    The largest coordinate of the place of an element behind a joint, whose length has to be known;
+    empty where a joint slides, since its commands are lengths.
+
+    Raises
+    ------
+    ArgumentError
+        No such element has a place that is a length.
+    """
+    moved = _moving_nodes(tree)
+    joints = [tree.index[c.name] for c in tree.model.coordinates if c.actuated]
+    joints = [k for k in joints if k in moved]
+    if any(tree.nodes[k].slides for k in joints):
+        return ""
+    longest = 0.0
+    name = ""
+    for element in tree.model.elements:
+        node = tree.index[f"{element.name}.x"]
+        if node not in moved or not tree.carries[joints, node].any():
+            continue
+        lengths = np.abs(np.array(element.origin.rotation).T @ np.array(element.origin.position))
+        k = int(np.argmax(lengths))
+        if lengths[k] > longest:
+            longest = float(lengths[k])
+            name = f"{element.name}.{SHIFTS[k]}"
+    if not name:
+        raise ArgumentError(
+            "free: given placements and fixed points only, with a model whose elements have no "
+            "place that is a length, expected measured positions too, or no placements"
+        )
+    return name
 
 
 def _masses(tree: Tree, priors: Priors) -> list[Unknown]:

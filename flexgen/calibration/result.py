@@ -184,6 +184,8 @@ class Calibration(Result):
     @property
     def frame(self) -> np.ndarray:
         """Pose (6,) of the world in the frame of the measurement: shift [m], angles about x, new y, new z [rad]."""
+        if not self.poses.is_measured:
+            return np.zeros(6)  # fixed points are in the world of the robot
         return np.array(
             [self.values[f"{FRAME}.{name}"] for name in ("x", "y", "z", "rx", "ry", "rz")]
         )
@@ -215,6 +217,11 @@ class Calibration(Result):
 
         Source: V. V. Fedorov, Theory of Optimal Experiments, 1972 (D-optimal designs).
         """
+        if not self.poses.is_measured:
+            raise ArgumentError(
+                "poses: given fixed points only, expected measured positions: new poses are chosen "
+                "for positions that will be measured"
+            )
         low, high = self.poses.commands.min(axis=0), self.poses.commands.max(axis=0)
         count_of("count", count, LARGEST)
         if candidates is None:

@@ -14,7 +14,7 @@ gives, for a number with direct effects ``q'``, ``c'``, ``tau'``,
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,7 +35,8 @@ class Numbers:
     """The numbers of a tree that are free, each set as a whole.
 
     ``shifts`` (n): of the nodes; ``frame`` (6); ``trackers`` (k, 3); ``compliances`` (n_E); ``factors``: (node of a
-    mechanism, node of a coordinate) -> factor; ``masses`` (b); ``centers`` (b, 3).
+    mechanism, node of a coordinate) -> factor; ``masses`` (b); ``centers`` (b, 3);
+    ``points`` (m, 3): fixed points in the frame of the measurement.
     """
 
     shifts: np.ndarray
@@ -45,6 +46,7 @@ class Numbers:
     factors: dict[tuple[int, int], float]
     masses: np.ndarray
     centers: np.ndarray
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def of(
@@ -64,6 +66,7 @@ class Numbers:
             },
             np.array([body.mass for _, _, body in tree.bodies]),
             np.array([body.com for _, _, body in tree.bodies], float).reshape(-1, 3),
+            np.zeros((1 + max((u.at[0] for u in unknowns if u.kind == "point"), default=-1), 3)),
         )
         arrays = {
             "node": new.shifts,
@@ -73,6 +76,7 @@ class Numbers:
             "factor": new.factors,
             "mass": new.masses,
             "center": new.centers,
+            "point": new.points,
         }
         for unknown, value in zip(unknowns, x, strict=True):
             arrays[unknown.kind][unknown.at if len(unknown.at) > 1 else unknown.at[0]] = value  # type: ignore[index]
@@ -96,7 +100,8 @@ class Rest:
     """The robot at rest at N poses.
 
     ``q`` (N, n): values of the nodes; ``near``: deflections, and what found them; ``load`` (N, n_E): ``tau`` [N m or
-    N]; ``points`` (N, k, 3): the trackers in the world; ``measured`` (N, k, 3): in the frame of the measurement [m].
+    N]; ``points`` (N, k, 3): the trackers in the world; ``measured`` (N, k, 3): in the frame of the
+    measurement [m], from the fixed point where one is touched.
     """
 
     q: np.ndarray
@@ -129,10 +134,14 @@ class Statics:
     tree : Tree
     commands : array (N, n_g) [rad or m]
         Actuated coordinates of the model without deflections.
+    groups : array (N, k), optional
+        Index of the fixed point that each tracker touches, whose measured position is the distance
+        from it; -1: none.
     """
 
-    def __init__(self, tree: Tree, commands: np.ndarray) -> None:
+    def __init__(self, tree: Tree, commands: np.ndarray, groups: np.ndarray | None = None) -> None:
         self.tree, self.model, self.commands = tree, tree.model, commands
+        self.groups = groups
         self.actuated = [tree.index[c.name] for c in tree.model.coordinates if c.actuated]
         self.elastic = np.array([tree.index[name] for name in tree.elastic], int)
         self.mechanisms = [tree.index[name] for name in tree.mimics]
@@ -148,10 +157,11 @@ class Statics:
 
     def among(self, rows: np.ndarray) -> Statics:
         """The same for some of the poses."""
-        return self.with_commands(self.commands[rows])
+        groups = None if self.groups is None else self.groups[rows]
+        return Statics(self.tree, self.commands[rows], groups)
 
     def with_commands(self, commands: np.ndarray) -> Statics:
-        """The same for other poses."""
+        """The same for other poses, that touch no fixed points."""
         return Statics(self.tree, commands)
 
     def rest(self, numbers: Numbers, near: Near | None = None, *, rigid: bool = False) -> Rest:
@@ -194,6 +204,9 @@ class Statics:
         trackers = zip(self.places, numbers.trackers, strict=True)
         points = np.stack([self.tree.point(posture, mount, x) for mount, x in trackers], axis=1)
         measured = numbers.frame[:3] + points @ frame_rotation(numbers.frame).T
+        if self.groups is not None and len(numbers.points):
+            touched = (self.groups >= 0)[..., None]
+            measured = measured - np.where(touched, numbers.points[self.groups], 0.0)
         return Rest(q, Near(deflection, inverse), load, points, measured, posture)
 
     def _inverse(
@@ -268,6 +281,9 @@ class Statics:
         turned = frame_slopes(numbers.frame)
         for i in frame:
             out[..., i] = IDENTITY[at[i]] if at[i] < 3 else rest.points @ turned[at[i] - 3].T
+        for i, unknown in enumerate(unknowns):
+            if unknown.kind == "point" and self.groups is not None:
+                out[:, :, unknown.at[1], i] = -1.0 * (self.groups == unknown.at[0])
         return out, Near(rest.near.deflection, inverse)
 
     def _moves(self, numbers: Numbers) -> np.ndarray:

@@ -52,6 +52,11 @@ def text_of_calibration(found: Calibration) -> str:
         f"{count} of {len(found.unknowns)} numbers are determined by the measurements, the others keep their prior; "
         f"{rest} of places, frames and trackers are in --json"
     )
+    if not found.poses.is_measured:
+        parts.append(
+            "fixed points only: no frame of the measurement, places are those of the robot"
+        )
+        return "\n\n".join(parts)
     frame = ", ".join(number(float(x)) for x in found.frame)
     parts.append(f"pose of the world in the frame of the measurement ({FRAME}): {frame} (m, rad)")
     return "\n\n".join(parts)

@@ -217,9 +217,11 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
         trackers: int = 1,
         folds: int = 5,
         lost: bool = False,
+        different: int = 1000,
     ) -> None:
         positions = np.full((count, trackers, 3), np.nan if lost else 1.0)
-        poses: Any = Poses(np.zeros((count, joints)), positions)
+        commands = np.tile(np.arange(count)[:, None] % different, (1, joints))
+        poses = flexgen.StaticPoses(commands, positions)
         calibrate._check(arm, poses, 1, folds)
 
     fewest = calibrate.FEWEST
@@ -232,6 +234,10 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
         ({"joints": 3}, f"poses: given 3 joints and 1 trackers, {advice}"),
         ({"trackers": 2}, f"poses: given 2 joints and 2 trackers, {advice}"),
         ({"count": fewest - 1}, f"poses: given {fewest - 1}, expected at least {fewest}"),
+        (
+            {"different": 1},
+            f"poses: given {fewest} with 1 different commands, expected at least {fewest} that differ",
+        ),
         ({"folds": 1}, f"folds: given 1, expected 0, or 2 to {fewest}, the number of poses"),
         (
             {"folds": fewest + 1},
@@ -246,18 +252,6 @@ def test_poses_that_do_not_fit_the_model_are_refused() -> None:
         with pytest.raises(ArgumentError) as caught:
             check(**more)  # type: ignore[arg-type]
         assert str(caught.value) == words
-
-
-class Poses:
-    """Commands and positions."""
-
-    source = "poses.csv"
-
-    def __init__(self, commands: np.ndarray, positions: np.ndarray) -> None:
-        self.commands, self.positions = commands, positions
-
-    def __len__(self) -> int:
-        return len(self.commands)
 
 
 def test_warnings_of_a_calibration() -> None:

@@ -163,6 +163,7 @@ class Commands:
     """Poses whose positions do not matter."""
 
     source = "poses.csv"
+    is_measured = True
 
     def __init__(self, commands: np.ndarray) -> None:
         self.commands = commands
