@@ -210,6 +210,7 @@ class Poses:
     """Poses of a file."""
 
     source = "poses.csv"
+    is_measured = True
 
     def __len__(self) -> int:
         return 2
