@@ -540,7 +540,12 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
     if (grows && status >= 0) { /* the workspace is free again; where it fails, the torques are right all the same */
         real *growth = &info->growth;
         const int n = options->n_pre + samples->n + report.n_post;
+#if MODEL_FORCE
+        (void)model_growth(motion, n, samples->period, samples->force, samples->n, options->n_pre,
+            PASSED_PARAMETERS growth, work, work_size);
+#else  /* MODEL_FORCE */
         (void)model_growth(motion, n, samples->period, PASSED_PARAMETERS growth, work, work_size);
+#endif /* MODEL_FORCE */
     }
 #endif
     return status;

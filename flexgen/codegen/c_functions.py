@@ -36,6 +36,23 @@ _PARAMETERS = "run-time parameters, listed in the header of the functions"
 _BEHIND_PARAMETERS = (("q_start", "const real *"), ("t", "real"), ("growth", "real *"))
 _GIVEN = Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS)
 
+_FORCE_OF_PATH = (
+    Field(
+        "force",
+        "const real *",
+        ("n_force", "3 * n_y"),
+        "mixed",
+        "on the output, as in the samples of the path; null: none",
+    ),
+    Field("n_force", "int", (), "1", "number of samples of the path; not read without force"),
+    Field("n_pre", "int", (), "1", "samples of the motion before the path; not read without force"),
+)
+_UNDER_FORCE = (
+    "A force on the output adds its stiffness, that of a direction which does not turn with the "
+    "tool: the first n_y numbers of each sample are read. Before the path and after it the force "
+    "stays as it is at its ends. The motion must be the one under this force."
+)
+
 
 def _whole(info: str) -> tuple[Field, ...]:
     """The arguments of a solver of whole paths with this info."""
@@ -408,7 +425,10 @@ def offered_c_functions(
     if inversion_reason(model, functions) is not None:
         return kinematic
     offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
-    offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
+    needed = {"linearize", *(["inverse_dynamics_derivatives"] if FORCE in parts else [])}
+    offered = [f for f in offered if f.file != "growth.c" or needed <= set(functions)]
+    if FORCE in parts:
+        offered = [_with_force(f) if f.name == "growth" else f for f in offered]
     if position_obstacle(model) is not None:
         offered = [f for f in offered if f.part != POSITION]
     offered = [
@@ -449,6 +469,13 @@ def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
     if (motors := bristled_motors(model)) and (found := has_harmonics(model)):
         return f"motor {motors[0]} has lugre and {found}, of which C has one or the other"
     return model.inversion_obstacle() or obstacle
+
+
+def _with_force(function: CFunction) -> CFunction:
+    """The function growth with the force on the output as arguments behind the period."""
+    at = [a.name for a in function.arguments].index("period") + 1
+    arguments = (*function.arguments[:at], *_FORCE_OF_PATH, *function.arguments[at:])
+    return replace(function, notes=f"{function.notes} {_UNDER_FORCE}", arguments=arguments)
 
 
 def _with_parameters(function: CFunction) -> CFunction:

@@ -60,6 +60,14 @@ def filter_sizes(spec: LibrarySpec) -> tuple[int, int, int]:
     return before, len(taps) - 1 - before, len(servo.notch)
 
 
+# functions that growth calls, and its names for them
+_CALLED_BY_GROWTH = {"linearize": "evaluate_linearize"}
+_CALLED_UNDER_FORCE = {
+    "inverse_dynamics_derivatives": "evaluate_growth_inertia",
+    "output_constraint": "evaluate_growth_constraint",
+}
+
+
 def has_growth(spec: LibrarySpec) -> bool:
     """Whether the library has the function growth."""
     return any(f.file == "growth.c" for f in spec.c_functions)
@@ -216,15 +224,24 @@ def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side
     flag = f"#define {prefix}_GROWS {int(grows)} /* the library has the function growth */\n"
     if not grows:
         return flag
-    (f,) = (f for f in spec.functions if f.name == "linearize")
-    ports, text = [p.name for p in (*f.inputs, *f.outputs)], written[f.name]
-    macros = ", ".join([*(name for name in ports if name != "parameters"), "parameters", "work"])
-    given = ", ".join([*ports, *["work"] * (text.work > 0)])
-    return (
+    called = _CALLED_BY_GROWTH | (_CALLED_UNDER_FORCE if spec.force else {})
+    text = (
         f"{flag}static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the positions in a state */\n"
-        f"#define {prefix}_LINEARIZE_SPACE {space_of(spec, written, (f.name,))}\n"
-        f"#define evaluate_linearize({macros}) ((void)(parameters), (void)(work), {spec.name}_linearize({given}))\n"
+        f"#define {prefix}_LINEARIZE_SPACE {space_of(spec, written, tuple(called))}\n"
     )
+    for f in spec.functions:
+        if f.name in called:
+            text += _call_with_parameters(spec, f, called[f.name], written[f.name].work)
+    return text
+
+
+def _call_with_parameters(spec: LibrarySpec, f: FunctionSpec, named: str, work: int) -> str:
+    """A macro that calls a function with parameters and a workspace that it may not need."""
+    ports = [p.name for p in (*f.inputs, *f.outputs)]
+    macros = ", ".join([*(name for name in ports if name != "parameters"), "parameters", "work"])
+    given = ", ".join([*ports, *["work"] * (work > 0)])
+    call = f"((void)(parameters), (void)(work), {spec.name}_{f.name}({given}))"
+    return f"#define {named}({macros}) {call}\n"
 
 
 def _damping(

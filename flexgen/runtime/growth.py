@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.runtime.inversion_arguments import array_of, parameters_of, pointer, pointers
+from flexgen.runtime.inversion_arguments import NO_FORCE, array_of, parameters_of, pointer, pointers
 from flexgen.runtime.path_inversion import Inversion
 from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
 
@@ -22,6 +22,7 @@ _WIDTHS = {"q_a": "n_a", "v_a": "n_a", "q_m": "n_m", "v_m": "n_m", "tau_m": "n_m
 class Growth:
     """``library.growth(motion)``: largest growth of a perturbation under the motor torques of a motion alone.
 
+    ``takes_force``: of a library with the part ``"force"``.
     ``closed``: set when the library is closed.
     """
 
@@ -33,10 +34,13 @@ class Growth:
     model_parameters: np.ndarray
     failures: Failures
     again: tuple[Callable[..., Any], tuple[Any, ...]]
+    takes_force: bool = False
     closed: Event = field(default_factory=Event)
 
     def __repr__(self) -> str:
-        return "growth(motion" + ", *, parameters=None" * bool(self.model_parameters.size) + ")"
+        options = ["parameters=None"] * bool(self.model_parameters.size)
+        options += ["force=None"] * self.takes_force
+        return f"growth({', '.join(['motion', *['*'] * bool(options), *options])})"
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         self._refuse_closed()
@@ -46,8 +50,12 @@ class Growth:
         if self.closed.is_set():
             raise closed_error(self.name)
 
-    def __call__(self, motion: Inversion, *, parameters: Any = None) -> float:
+    def __call__(self, motion: Inversion, *, parameters: Any = None, force: Any = None) -> float:
         """The largest growth from the start of a motion to an instant of it.
+
+        A force of constant direction on the output has a stiffness, -d(W' f)/dq with the map W from
+        speeds to rates of the output: a push along an outstretched arm acts like a weight on an
+        upright one.
 
         Parameters
         ----------
@@ -55,6 +63,10 @@ class Growth:
             What `Library.invert` returned.
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.
+        force : array (n, 3 n_y), optional
+            Force on the output at the n samples of the path, as `Library.invert` took it for this
+            motion; before the path and after it the force stays as it is at its ends. Of a library
+            with the part ``"force"``; default: none.
 
         Returns
         -------
@@ -77,10 +89,12 @@ class Growth:
             np.empty(1, real),
         )
         work = np.empty(self.work, real)
+        forced = self._force_of(force, motion)
         status = self.entry(
             ctypes.byref(struct_of(self.motion, **arrays)),
             ctypes.c_int(n),
             (ctypes.c_double if real == np.float64 else ctypes.c_float)(motion.period),
+            *_arguments_of(forced, motion.n_pre) * self.takes_force,
             *pointers(values),
             pointer(found),
             pointer(work),
@@ -90,6 +104,29 @@ class Growth:
             exception, text = failure_of(self.failures, status)
             raise exception(f"growth: {text}")
         return float(found[0])
+
+    def _force_of(self, force: Any, motion: Inversion) -> np.ndarray | None:
+        """The checked force on the path; ArgumentError in a library without the part."""
+        if force is None:
+            return None
+        if not self.takes_force:
+            raise ArgumentError(NO_FORCE.format("growth"))
+        real = self.model_parameters.dtype
+        width, most = 3 * self.sizes["n_y"], len(motion.q_a) - motion.n_pre
+        given = array_of("growth", "force", force, None, real)
+        if given.ndim != 2 or given.shape[1] != width or not 1 <= len(given) <= most:
+            raise ArgumentError(
+                f"growth, force: given shape {given.shape}, expected (n, {width}) with n of the "
+                f"path that invert took, at most {most}"
+            )
+        return given
+
+
+def _arguments_of(force: np.ndarray | None, n_pre: int) -> tuple[Any, ...]:
+    """The force in C: its samples, how many there are, and samples of the motion before them."""
+    count = 0 if force is None else len(force)
+    address = ctypes.c_void_p() if force is None else pointer(force)
+    return address, ctypes.c_int(count), ctypes.c_int(n_pre)
 
 
 def growth_of(
@@ -103,7 +140,8 @@ def growth_of(
     name = manifest["name"]
     if not {"growth", "growth_work"} <= {row["name"] for row in manifest.get("c_functions", ())}:
         return None
-    work, motion = found(f"{name}_growth_work"), interface_of(manifest).structs["motion"]
+    structs = interface_of(manifest).structs
+    work, motion = found(f"{name}_growth_work"), structs["motion"]
     work.restype = ctypes.c_int64
     return Growth(
         name,
@@ -114,4 +152,5 @@ def growth_of(
         parameters,
         failures,
         again,
+        any(member == "force" for member, *_ in structs["samples"]._fields_),
     )

@@ -14,6 +14,11 @@ from flexgen.runtime.identity import TOLERANCES
 from flexgen.runtime.structs import Interface
 
 Rows = Sequence[Mapping[str, Any]]  # of the run-time parameters in the manifest
+# of a force given to a function of a library that was generated without them
+NO_FORCE = (
+    "{}, force: given to a library without forces, expected one that was generated with "
+    'parts=["force"] (--with force)'
+)
 
 
 def parameters_of(function: str, given: Any, of_model: np.ndarray, rows: Rows = ()) -> np.ndarray:
@@ -59,10 +64,7 @@ def samples_of(
     columns = {"y": (y, sizes["n_t"]), "dy": (path[1], n_y), "ddy": (path[2], n_y)}
     if force is not None:
         if not takes_force:
-            raise ArgumentError(
-                f"{function}, force: given to a library without forces, expected one that was generated with "
-                'parts=["force"] (--with force)'
-            )
+            raise ArgumentError(NO_FORCE.format(function))
         columns["force"] = force, 3 * n_y
     return {
         key: array_of(function, key, x, (*before, width), real)

@@ -155,7 +155,8 @@ class Library:
         """Largest growth of a perturbation along a motion; ArgumentError where the library has none."""
         if self._growth is None:
             raise ArgumentError(
-                f"{self.name}: given a library without growth, expected {_INVERTS}, with linearize"
+                f"{self.name}: given a library without growth, expected {_INVERTS}, with linearize "
+                "(and with the part force inverse_dynamics_derivatives)"
             )
         return self._growth
 

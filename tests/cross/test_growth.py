@@ -20,6 +20,7 @@ from flexgen.library.generate import generate
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
+from flexgen.paths.process_force import make_force
 from flexgen.runtime.library import Library, load
 from flexgen.runtime.path_inversion import Inversion
 from flexgen.simulation.growth import Motion, growth_along, linearize_along
@@ -183,3 +184,137 @@ def test_growth_of_an_upright_arm_is_that_of_a_simulation_and_of_solve(tmp_path:
     along = linearize_along(equations, Motion(m.t, m.q_a, m.v_a, m.a_a, m.q_m, m.v_m, a_m, m.tau_m))
     whole = growth_along(along, HELD).movement
     assert whole > 1e8 and library.growth(motion) == pytest.approx(whole, rel=0.1)
+
+
+# --- under a force on the tool ----------------------------------------------------------------
+
+SMALL = 1e-5  # rad, m, rad/s, m/s: central differences, error some 1e-8 of accelerations
+
+
+def expected_growth(library: Library, model: Any, state: Any, f_tool: np.ndarray) -> float:
+    """Of a constant state for one second, by central differences of the forward dynamics."""
+    q_a, q_m, tau_m = state
+    n_a, n, i_m = model.n_a, model.dof, list(model.i_m)
+
+    def accelerations(x: np.ndarray) -> np.ndarray:
+        motors, speeds = q_m.copy(), 0.0 * q_m
+        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a :]
+        a_a, a_m, _ = library.forward_dynamics_tool_force(
+            x[:n_a], x[n : n + n_a], motors, speeds, tau_m, f_tool
+        )
+        return np.r_[a_a, a_m[i_m]]
+
+    side = np.ones(n)
+    side[n_a:] = np.abs(model.eta).max(axis=1)[i_m]
+    scale, at = np.tile(side, 2), np.r_[q_a, q_m[i_m], np.zeros(n)]
+    A = np.eye(2 * n, k=n)
+    for k, x in enumerate(np.diag(SMALL * scale)):
+        change = (accelerations(at + x) - accelerations(at - x)) / (2 * SMALL)
+        A[n:, k] = change / side
+    step, product, found = expm(A * 1e-2), np.eye(2 * n), 1.0
+    for _ in range(100):
+        product = step @ product
+        found = max(found, float(np.linalg.norm(product[:n, :n], 2)))
+    return found
+
+
+def still(state: Any, count: int = 201) -> Inversion:
+    """The motion that stays in a state for one second."""
+    q_a, q_m, tau_m = (np.tile(x, (count, 1)) for x in state)
+    zero, none, period = 0.0 * q_a, 0.0 * q_m, 1.0 / (count - 1)
+    return Inversion(
+        q_a, zero, zero, none, q_m, none, tau_m, 0, 0, period, 0.0, 0.0, 0.0, 0, 0, True
+    )
+
+
+@pytest.mark.parametrize(
+    "name, variant, force",
+    [
+        ("elbow", None, [-30000.0, 0.0, 8000.0, 0.0, 0.0, 0.0]),
+        ("elbow", "rigid", [-30000.0, 0.0, 8000.0, 0.0, 0.0, 0.0]),
+        pytest.param(
+            "kr300_efjm",
+            None,
+            [-900.0, 600.0, -1800.0, 2700.0, -2400.0, 2100.0],
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_growth_under_a_force_is_that_of_differences_of_the_forward_dynamics(
+    name: str, variant: str | None, force: list[float], tmp_path: FilePath
+) -> None:
+    model, f_tool = read(name, variant), np.array(force)
+    library = load(generate(model, tmp_path / "made", parts=("force",)).directory)
+    q_a, i_g = np.zeros(model.n_a), list(model.i_g)
+    q_a[i_g] = np.linspace(0.3, 0.8, len(i_g))
+    q_m = model.eta @ q_a[i_g]
+    state = q_a, q_m, np.linspace(1.0, 2.0, model.n_m)
+    own = f_tool if model.output.type == "tool_pose" else f_tool[list(model.output.tool_rows)]
+    path = np.zeros((1, 3 * len(own)))
+    path[0, : len(own)] = own
+    motion, expected = still(state), expected_growth(library, model, state, f_tool)
+    assert library.growth(motion, force=path) == pytest.approx(expected, rel=1e-2)
+    # planted: none, of the other direction, and of a pose without the moments
+    plain = library.growth(motion)
+    fewer = np.where(np.arange(path.shape[1]) < 3, path, 0.0)
+    wrong = [plain, library.growth(motion, force=-path)]
+    wrong += [library.growth(motion, force=fewer)] if len(own) > 3 else []
+    assert all(abs(other - expected) > 0.05 * expected for other in wrong), (expected, wrong)
+
+
+def forced_motion(
+    library: Library, name: str, move: str | None, force: list[float]
+) -> tuple[Any, Any, np.ndarray, Inversion]:
+    """The equations, the force in time and at the samples of a move, and the motion under it."""
+    equations = derive(read(name))
+    model = equations.model
+    named = [m for m in model.moves if move is None or m.name == move]
+    path, period = Path(equations, named[0]), 2e-3
+    n = round(path.duration / period) + 1
+    process = make_force(lambda t: np.tile(force, (len(t), 1)), model, path.duration)
+    F = process.on_output(model, np.arange(n) * period)
+    y, dy, ddy = samples(Reduction(equations), path, period, n)
+    options = {"n_pre": 100, "n_post": 200, "force": F, "growth": True}
+    motion = library.invert(y, dy, ddy, period=period, q_start=path.q_start, **options)
+    return equations, process, F, motion
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name, move, force",
+    [
+        ("planar5_nmp", "joints", [-2000.0, 0.0, 0.0]),
+        ("manutec_r3_18", None, [200.0, -300.0, 400.0, 150.0, -180.0, 160.0]),
+    ],
+)
+def test_growth_along_a_move_under_a_force_is_that_of_the_simulation(
+    name: str, move: str | None, force: list[float]
+) -> None:
+    library = loaded(name, "force")
+    equations, process, F, m = forced_motion(library, name, move, force)
+    a_m = np.gradient(m.v_m, m.t, axis=0)
+    given = Motion(m.t, m.q_a, m.v_a, m.a_a, m.q_m, m.v_m, a_m, m.tau_m, process.at(m.t)[:, :6])
+    expected = growth_along(linearize_along(equations, given), HELD).movement
+    assert m.growth == library.growth(m, force=F) == pytest.approx(expected, rel=1e-2)
+    # planted: without the force, and with that of the other sign
+    assert abs(library.growth(m) - expected) > 0.3 * expected
+    assert abs(library.growth(m, force=-F) - expected) > 0.3 * expected
+
+
+def test_a_force_that_growth_cannot_take_is_refused() -> None:
+    library, plain = loaded("elbow", "force"), loaded("elbow")
+    motion = still((np.array([1.5, 0.1]), np.zeros(2), np.zeros(2)))
+    with pytest.raises(ArgumentError, match="growth, force: given to a library without forces"):
+        plain.growth(motion, force=np.zeros((201, 6)))
+    for wrong in (np.zeros((201, 2)), np.zeros(6), np.zeros((0, 6)), np.zeros((202, 6))):
+        with pytest.raises(ArgumentError, match=r"growth, force: given shape .* expected \(n, 6\)"):
+            library.growth(motion, force=wrong)
+    with pytest.raises(ArgumentError, match="not finite"):
+        library.growth(motion, force=np.full((201, 6), np.inf))
+    # the force before the path and after it is that of its ends
+    one = library.growth(motion, force=np.full((1, 6), 9.0))
+    assert one == library.growth(motion, force=np.full((150, 6), 9.0))
+    assert one == library.growth(replace(motion, n_pre=50), force=np.full((100, 6), 9.0))
+    # no force has the bits of none, and those of a library without forces
+    none = library.growth(motion)
+    assert none == library.growth(motion, force=np.zeros((201, 6))) == plain.growth(motion)
