@@ -17,7 +17,7 @@ from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 
@@ -243,7 +243,7 @@ def _object(name: str, value: Any) -> dict[str, Any]:
 # --- csv --------------------------------------------------------------------------------------------------------------
 
 
-def _line(stream: TextIO, number: int) -> str:
+def _line(stream: IO[str], number: int) -> str:
     line = stream.readline(LINE + 1)
     if len(line) > LINE:
         raise ArgumentError(
