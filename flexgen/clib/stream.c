@@ -422,7 +422,17 @@ static inline int do_parts(real *s, const layout *l, int parts)
 /* The memory of a stream of the caller; a null pointer where there is none. */
 static real *memory_of(const model_stream *stream)
 {
-    return stream == NULL || stream->size <= STATE ? NULL : stream->memory;
+    return stream == NULL || stream->size < HEAD ? NULL : stream->memory;
+}
+
+/* Layout of a stream that was started and has not failed; a status where its memory holds none, or not all of it. */
+static model_status find_layout(const model_stream *given, layout *l)
+{
+    if (!is_running(given->memory)) {
+        return MODEL_NOT_STARTED;
+    }
+    *l = layout_of(given->memory);
+    return given->size < l->end ? MODEL_WORK_TOO_SMALL : MODEL_OK;
 }
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
@@ -597,6 +607,7 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     }
 #endif /* MODEL_FORCE */
     copy(q_start, NA, q);
+    stream[KEY] = (real)STREAM_KEY;
     stream[INTERVALS] = (real)options->intervals;
     stream[SAMPLES_PER_INTERVAL] = (real)options->samples_per_interval;
     stream[PERIOD] = options->period;
@@ -682,11 +693,13 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
 {
     real *stream = memory_of(given);
     layout l;
+    model_status status;
     if (stream == NULL || parameters == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!is_running(stream)) {
-        return MODEL_NOT_STARTED;
+    status = find_layout(given, &l);
+    if (status != MODEL_OK) {
+        return status;
     }
     if (has_begun(stream)) {
         return MODEL_BAD_ARGUMENT;
@@ -694,14 +707,13 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
     if (!is_finite(parameters, PARAMETERS)) {
         return MODEL_INPUT_NOT_FINITE;
     }
-    l = layout_of(stream);
     stream[STALE] = 1.0;
     keep_parameters(parameters, stream + l.space);
     if (rests(stream, &l)) {
-        const int status = rest_again(stream, &l);
+        status = (model_status)rest_again(stream, &l);
         if (status != MODEL_OK) {
             stream[STATE] = HAS_FAILED;
-            return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : (model_status)status;
+            return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : status;
         }
     }
 #if MODEL_HARMONICS
@@ -718,16 +730,19 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
 model_status model_stream_force(const model_stream *given, const real *force)
 {
     real *stream = memory_of(given);
+    layout l;
+    model_status status;
     if (stream == NULL || force == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!is_running(stream)) {
-        return MODEL_NOT_STARTED;
+    status = find_layout(given, &l);
+    if (status != MODEL_OK) {
+        return status;
     }
     if (!is_finite(force, FORCES)) {
         return MODEL_INPUT_NOT_FINITE;
     }
-    copy(force, FORCES, FORCE_OF(stream + layout_of(stream).space));
+    copy(force, FORCES, FORCE_OF(stream + l.space));
     return MODEL_OK;
 }
 
@@ -738,15 +753,15 @@ COLD model_status model_stream_limits(
     real *stream = memory_of(given);
     layout l;
     limits_layout w;
-    ptrdiff_t N;
     real *bound;
+    model_status status;
     if (stream == NULL || torque_max == NULL || speed_max == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!is_running(stream)) {
-        return MODEL_NOT_STARTED;
+    status = find_layout(given, &l);
+    if (status != MODEL_OK) {
+        return status;
     }
-    N = (ptrdiff_t)stream[INTERVALS];
     if (has_begun(stream) || !(deviation_max > 0.0 && deviation_max < 1e6)) {
         return MODEL_BAD_ARGUMENT;
     }
@@ -755,8 +770,7 @@ COLD model_status model_stream_limits(
             return MODEL_BAD_ARGUMENT;
         }
     }
-    l = layout_of(stream);
-    w = limits_laid_out(N);
+    w = limits_laid_out((ptrdiff_t)stream[INTERVALS]);
     if (!(stream[l.limits + w.on] > 0.0) && !start_limits(stream, &l)) {
         return MODEL_HORIZON_TOO_SHORT;
     }
@@ -850,12 +864,14 @@ model_status model_stream_begin(
     layout l;
     real own[REFERENCE], next[REFERENCE], deviation[DEVIATION];
     next_interval arrived;
-    int has_limits, status;
+    int has_limits;
+    model_status status;
     if (stream == NULL || y == NULL || dy == NULL || ddy == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!is_running(stream)) {
-        return MODEL_NOT_STARTED;
+    status = find_layout(given, &l);
+    if (status != MODEL_OK) {
+        return status;
     }
     if (has_begun(stream)) {
         return MODEL_BAD_ARGUMENT;
@@ -863,7 +879,6 @@ model_status model_stream_begin(
     if (!is_finite(y, NT) || !is_finite(dy, NY) || !is_finite(ddy, NY)) {
         return MODEL_INPUT_NOT_FINITE;
     }
-    l = layout_of(stream);
 #if MODEL_POSE
     if (!is_rotation(y + 3) || !are_near(stream + l.last + 3, y + 3)) {
         return MODEL_BAD_ARGUMENT;
@@ -880,9 +895,9 @@ model_status model_stream_begin(
     if (has_limits) {
         next_deviation(stream, &l, own, deviation, next);
     }
-    status = reach_next_sample(stream, &l, next, &arrived);
+    status = (model_status)reach_next_sample(stream, &l, next, &arrived);
     if (status != MODEL_OK) {
-        return (model_status)status; /* the sample is refused, and nothing has changed */
+        return status; /* the sample is refused, and nothing has changed */
     }
     shift_path(stream, &l, next, &arrived);
     if (has_limits) {
@@ -899,18 +914,21 @@ model_status model_stream_advance(const model_stream *given, int parts)
 {
     real *stream = memory_of(given);
     layout l;
-    int status;
+    model_status status;
     if (stream == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!is_running(stream) || !has_begun(stream)) {
+    status = find_layout(given, &l);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    if (!has_begun(stream)) {
         return MODEL_NOT_STARTED;
     }
     if (parts < 1) {
         return MODEL_BAD_ARGUMENT;
     }
-    l = layout_of(stream);
-    status = do_parts(stream, &l, parts);
+    status = (model_status)do_parts(stream, &l, parts);
     return status == MODEL_OK ? MODEL_OK : failed(stream, status);
 }
 
@@ -928,15 +946,18 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     layout l;
     interval_results out;
     ptrdiff_t n;
-    int status;
+    model_status status;
     if (stream == NULL || motion == NULL || info == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!is_running(stream) || !has_begun(stream)) {
+    status = find_layout(given, &l);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    if (!has_begun(stream)) {
         return MODEL_NOT_STARTED;
     }
-    l = layout_of(stream);
-    status = do_parts(stream, &l, 1);
+    status = (model_status)do_parts(stream, &l, 1);
     if (status != MODEL_OK) {
         return failed(stream, status);
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 
 from flexgen.codegen.c_text import size_macro
@@ -79,6 +80,15 @@ def space_of(
     """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
     used = (f for f in spec.functions if f.name in names)
     return max(max(works(f, written[f.name], spec.precision)) for f in used)
+
+
+def stream_key(spec: LibrarySpec) -> int:
+    """The number by which a library knows the memory of its own streams: of model, interface and precision.
+
+    It has 24 bits, so that it is exact in single precision.
+    """
+    text = f"{spec.digest} {spec.interface} {spec.precision}"
+    return int(hashlib.sha256(text.encode()).hexdigest()[:6], 16)
 
 
 def _curves(constants: MotorConstants, ng: str, join: Callable[[Sequence[float]], str]) -> str:
@@ -165,6 +175,8 @@ def constants_header(
         angles = ", ".join(str(int(one)) for one in constants.further)
         text += f"enum {{ TOOL_POSITIONS = {constants.positions} }}; /* of the outputs */\n"
         text += f"static const int output_is_angle[{len(constants.further)}] = {{{angles}}};\n"
+    if any(f.name == "stream_update" for f in spec.c_functions):
+        text += f"enum {{ STREAM_KEY = {stream_key(spec)} }}; /* in the memory of its streams */\n"
     text += _for_growth(spec, written, join(constants.arm_side))
     used = [f for f in spec.functions if f.name in INVERTING]
     space = space_of(spec, written)

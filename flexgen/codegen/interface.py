@@ -94,7 +94,12 @@ STATUSES = (
         "SolverError",
     ),
     Status("NOT_CONVERGED", -8, "the iteration did not converge", "SolverError"),
-    Status("NOT_STARTED", -9, "the stream was not started, or has failed", "ArgumentError"),
+    Status(
+        "NOT_STARTED",
+        -9,
+        "the stream was not started by this library, or has failed",
+        "ArgumentError",
+    ),
     Status(
         "ZERO_AT_INFINITY",
         -10,

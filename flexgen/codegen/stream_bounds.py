@@ -15,7 +15,7 @@ STAGES, GROUP, PANEL = 3, 8, 8
 MARGIN, LEVELS, LAST = 3, 3, 5
 BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
 BLOCKS, CHAIN, QP_STEPS, EDGES, SWINGS = 8, 5, 80, 20, 5
-HEAD = 21  # numbers before the arrays
+HEAD = 22  # numbers before the arrays
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 # evaluations of the output constraint while the kinematics are solved, at most

@@ -34,6 +34,9 @@ _CAUSES = {
     "mismatch": "kinematic mismatch",
     "torque_step": "horizon",
 }
+# Where the memory of a stream has its intervals and samples per interval: the head in
+# flexgen/clib/stream_update.h.
+_INTERVALS_AT = 2
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -495,7 +498,13 @@ def stream_again(
     period: float,
     memory: np.ndarray,
 ) -> Stream:
-    """The stream that was pickled."""
+    """The stream that was pickled; ArgumentError where the memory has other sizes."""
+    held = memory[_INTERVALS_AT : _INTERVALS_AT + 2].tolist()
+    if held != [intervals, samples_per_interval]:
+        raise ArgumentError(
+            f"stream: given {intervals} intervals and {samples_per_interval} samples per interval "
+            "with the memory of another stream, expected what was pickled"
+        )
     stream = object.__new__(Stream)
     stream.intervals, stream.samples_per_interval, stream.period = (
         intervals,

@@ -70,7 +70,7 @@ typedef enum {
     ELBOW_WORK_TOO_SMALL = -6 /* the workspace is too small */,
     ELBOW_UNREACHABLE = -7 /* the path leaves the workspace of the robot or passes a singular pose */,
     ELBOW_NOT_CONVERGED = -8 /* the iteration did not converge */,
-    ELBOW_NOT_STARTED = -9 /* the stream was not started, or has failed */,
+    ELBOW_NOT_STARTED = -9 /* the stream was not started by this library, or has failed */,
     /* a zero of the zero dynamics goes through infinity on the path; use invert (method lq) */
     ELBOW_ZERO_AT_INFINITY = -10,
     /* the number of unstable zeros differs between start and end; use invert (method lq) */

@@ -105,6 +105,7 @@ UNOPTIMIZED = (
     "unit/test_many_inversion.py",
     "unit/test_parameters.py",
     "unit/test_solve_stages.py",
+    "unit/test_stream_memory.py",
 )
 # Quick tests of optimized code, and tests and cases that run C for a long time: simulated experiments above all.
 OPTIMIZED = (

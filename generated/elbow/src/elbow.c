@@ -28,7 +28,7 @@ const char *elbow_status_text(elbow_status status)
     case ELBOW_NOT_CONVERGED:
         return "the iteration did not converge";
     case ELBOW_NOT_STARTED:
-        return "the stream was not started, or has failed";
+        return "the stream was not started by this library, or has failed";
     case ELBOW_ZERO_AT_INFINITY:
         return "a zero of the zero dynamics goes through infinity on the path; use invert (method lq)";
     case ELBOW_ZEROS_CHANGE:

@@ -640,7 +640,17 @@ static inline int do_parts(real *s, const layout *l, int parts)
 /* The memory of a stream of the caller; a null pointer where there is none. */
 static real *memory_of(const elbow_stream *stream)
 {
-    return stream == NULL || stream->size <= STATE ? NULL : stream->memory;
+    return stream == NULL || stream->size < HEAD ? NULL : stream->memory;
+}
+
+/* Layout of a stream that was started and has not failed; a status where its memory holds none, or not all of it. */
+static elbow_status find_layout(const elbow_stream *given, layout *l)
+{
+    if (!is_running(given->memory)) {
+        return ELBOW_NOT_STARTED;
+    }
+    *l = layout_of(given->memory);
+    return given->size < l->end ? ELBOW_WORK_TOO_SMALL : ELBOW_OK;
 }
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
@@ -726,6 +736,7 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
     space = stream + l.space;
     keep_parameters(parameters_given, space);
     copy(q_start, NA, q);
+    stream[KEY] = (real)STREAM_KEY;
     stream[INTERVALS] = (real)options->intervals;
     stream[SAMPLES_PER_INTERVAL] = (real)options->samples_per_interval;
     stream[PERIOD] = options->period;
@@ -757,15 +768,15 @@ COLD elbow_status elbow_stream_limits(
     real *stream = memory_of(given);
     layout l;
     limits_layout w;
-    ptrdiff_t N;
     real *bound;
+    elbow_status status;
     if (stream == NULL || torque_max == NULL || speed_max == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (!is_running(stream)) {
-        return ELBOW_NOT_STARTED;
+    status = find_layout(given, &l);
+    if (status != ELBOW_OK) {
+        return status;
     }
-    N = (ptrdiff_t)stream[INTERVALS];
     if (has_begun(stream) || !(deviation_max > 0.0 && deviation_max < 1e6)) {
         return ELBOW_BAD_ARGUMENT;
     }
@@ -774,8 +785,7 @@ COLD elbow_status elbow_stream_limits(
             return ELBOW_BAD_ARGUMENT;
         }
     }
-    l = layout_of(stream);
-    w = limits_laid_out(N);
+    w = limits_laid_out((ptrdiff_t)stream[INTERVALS]);
     if (!(stream[l.limits + w.on] > 0.0) && !start_limits(stream, &l)) {
         return ELBOW_HORIZON_TOO_SHORT;
     }
@@ -802,12 +812,14 @@ elbow_status elbow_stream_begin(
     layout l;
     real own[REFERENCE], next[REFERENCE], deviation[DEVIATION];
     next_interval arrived;
-    int has_limits, status;
+    int has_limits;
+    elbow_status status;
     if (stream == NULL || y == NULL || dy == NULL || ddy == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (!is_running(stream)) {
-        return ELBOW_NOT_STARTED;
+    status = find_layout(given, &l);
+    if (status != ELBOW_OK) {
+        return status;
     }
     if (has_begun(stream)) {
         return ELBOW_BAD_ARGUMENT;
@@ -815,7 +827,6 @@ elbow_status elbow_stream_begin(
     if (!is_finite(y, NT) || !is_finite(dy, NY) || !is_finite(ddy, NY)) {
         return ELBOW_INPUT_NOT_FINITE;
     }
-    l = layout_of(stream);
     copy(y, NT, own);
     copy(dy, NY, own + NT);
     copy(ddy, NY, own + NT + NY);
@@ -824,9 +835,9 @@ elbow_status elbow_stream_begin(
     if (has_limits) {
         next_deviation(stream, &l, own, deviation, next);
     }
-    status = reach_next_sample(stream, &l, next, &arrived);
+    status = (elbow_status)reach_next_sample(stream, &l, next, &arrived);
     if (status != ELBOW_OK) {
-        return (elbow_status)status; /* the sample is refused, and nothing has changed */
+        return status; /* the sample is refused, and nothing has changed */
     }
     shift_path(stream, &l, next, &arrived);
     if (has_limits) {
@@ -843,18 +854,21 @@ elbow_status elbow_stream_advance(const elbow_stream *given, int parts)
 {
     real *stream = memory_of(given);
     layout l;
-    int status;
+    elbow_status status;
     if (stream == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (!is_running(stream) || !has_begun(stream)) {
+    status = find_layout(given, &l);
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    if (!has_begun(stream)) {
         return ELBOW_NOT_STARTED;
     }
     if (parts < 1) {
         return ELBOW_BAD_ARGUMENT;
     }
-    l = layout_of(stream);
-    status = do_parts(stream, &l, parts);
+    status = (elbow_status)do_parts(stream, &l, parts);
     return status == ELBOW_OK ? ELBOW_OK : failed(stream, status);
 }
 
@@ -872,15 +886,18 @@ elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion
     layout l;
     interval_results out;
     ptrdiff_t n;
-    int status;
+    elbow_status status;
     if (stream == NULL || motion == NULL || info == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (!is_running(stream) || !has_begun(stream)) {
+    status = find_layout(given, &l);
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    if (!has_begun(stream)) {
         return ELBOW_NOT_STARTED;
     }
-    l = layout_of(stream);
-    status = do_parts(stream, &l, 1);
+    status = (elbow_status)do_parts(stream, &l, 1);
     if (status != ELBOW_OK) {
         return failed(stream, status);
     }

@@ -40,8 +40,10 @@ enum {
 /* The head. */
 /* BASE: see mesh; STALE: 1 where the model or the motion has changed, so that no factor holds any more */
 /* PART, AT, WITHIN: what an update that has begun does next, see stream.c; the rest: its results so far */
+/* KEY: that of the library which started the stream, so that no other one takes its memory for its own */
 enum {
     STATE,
+    KEY,
     INTERVALS,
     SAMPLES_PER_INTERVAL,
     PERIOD,
@@ -116,12 +118,12 @@ static inline int stream_sizes_fit(const elbow_stream_options *o)
            o->samples_per_interval <= ELBOW_STREAM_SAMPLES_MAX && hold_fits((real)o->hold, o->delay);
 }
 
-/* Whether memory holds a stream that was started and has not failed; it may hold anything. */
+/* Whether memory holds a stream that this library started and that has not failed; it may hold anything. */
 static inline int is_running(const real *stream)
 {
-    return stream[STATE] == IS_RUNNING && stream[INTERVALS] >= 1.0 && stream[INTERVALS] <= ELBOW_STREAM_INTERVALS_MAX &&
-           stream[SAMPLES_PER_INTERVAL] >= 1.0 && stream[SAMPLES_PER_INTERVAL] <= ELBOW_STREAM_SAMPLES_MAX &&
-           hold_fits(stream[HOLD], stream[DELAY]);
+    return stream[STATE] == IS_RUNNING && stream[KEY] == STREAM_KEY && stream[INTERVALS] >= 1.0 &&
+           stream[INTERVALS] <= ELBOW_STREAM_INTERVALS_MAX && stream[SAMPLES_PER_INTERVAL] >= 1.0 &&
+           stream[SAMPLES_PER_INTERVAL] <= ELBOW_STREAM_SAMPLES_MAX && hold_fits(stream[HOLD], stream[DELAY]);
 }
 
 /* The layout of a running stream. */
