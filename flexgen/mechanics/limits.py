@@ -101,6 +101,11 @@ class Limits:
                 raise ArgumentError(
                     f"limits: given {name} {show_value(values)}, expected a sequence of numbers, one for each {each}"
                 )
+            if values is not None and not all(x > 0 for x in values):
+                raise ArgumentError(
+                    f"limits: given {name} {show_value(values)}, expected {len(values)} positive "
+                    f"numbers, one for each {each}"
+                )
         for name, unit in (("tool_speed", "m/s"), ("tool_acceleration", "m/s^2")):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value > 0):
@@ -164,6 +169,11 @@ class Limits:
         out: dict[str, Any] = {}
         for name, values in given.items():
             if values is not None:
+                if isinstance(values, Real) and not values > 0:
+                    raise ArgumentError(
+                        f"limits: given {name} {show_value(values)}, expected {sizes[name]} "
+                        "positive numbers"
+                    )
                 each: Any = (values,) * sizes[name] if isinstance(values, Real) else values
                 out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))
         return cls(**out, reserve=reserve)
@@ -305,7 +315,7 @@ def limits_of_model(robot: RobotModel) -> Limits:
 
 
 def _are_numbers(values: Any) -> bool:
-    """Whether the values are a sequence or an array of real numbers; their signs and their number are free."""
+    """Whether the values are a sequence or an array of real numbers; their number is free."""
     if (
         isinstance(values, str | bytes)
         or not isinstance(values, Sequence | np.ndarray)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.inversion.solution import exceeded_limits, within_limits
 from flexgen.inversion.status import Status
 from flexgen.mechanics.limit_use import limit_rows, tool_motion, uses_of_limits
-from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.limits import EACH, Limits
 from flexgen.numerics.evaluate import evaluate
 
 TIME = np.linspace(0.0, 2.0, 2001)  # s
@@ -275,3 +276,15 @@ def test_wrong_limits_are_refused(given: dict[str, object], told: str) -> None:
         match=r"given thermal_time \(1.0, 1.0\) alone, expected torque_rms in addition",
     ):
         flexgen.fastest("elbow", limits=Limits(thermal_time=(1.0, 1.0)))  # was ignored
+
+
+@pytest.mark.parametrize("name", [*EACH])
+@pytest.mark.parametrize("bound", [-1.0, 0.0, float("-inf"), float("nan")])
+def test_bounds_that_are_not_positive_are_refused_where_they_are_given(
+    name: str, bound: float
+) -> None:
+    given: dict[str, Any] = {name: (1.0, bound)}
+    with pytest.raises(ArgumentError, match=name):
+        flexgen.Limits(**given)
+    with pytest.raises(ArgumentError, match="deflection"):
+        flexgen.Limits.from_model("elbow", deflection=bound)  # which has no such coordinate
