@@ -6,7 +6,6 @@ import ctypes
 import hashlib
 import os
 import secrets
-import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,6 +15,7 @@ from pathlib import Path
 from flexgen.errors import BuildError
 from flexgen.library.compiler import NO_COMPILER, Compiler, find_compiler
 from flexgen.library.object_cache import cache_folder, one_at_a_time
+from flexgen.library.programs import Programs
 from flexgen.runtime.files import load_verified, private_copy, read_library, verify_file
 from flexgen.runtime.targets import library_suffix
 
@@ -114,19 +114,14 @@ def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str)
     """Compile to a name of its own, then rename: another process never finds half a file."""
     own = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
     flags = [*compiler.flags, *level.split(), "-shared", "-x", "c"]
-    done = subprocess.run(
-        [*compiler.command, *flags, "-o", str(own), "-", "-lm"],
-        input=text,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-    )
-    if done.returncode != 0:
-        own.unlink(missing_ok=True)
-        raise BuildError(f"the C compiler failed on {name}.c:\n  {done.stderr.strip()[:500]}")
-    own.chmod(0o700)  # whatever the umask
-    os.replace(own, target)
+    try:
+        done = Programs().run([*compiler.command, *flags, "-o", str(own), "-", "-lm"], text)
+        if done.returncode != 0:
+            raise BuildError(f"the C compiler failed on {name}.c:\n  {done.stderr.strip()[:500]}")
+        own.chmod(0o700)  # whatever the umask
+        os.replace(own, target)
+    finally:
+        own.unlink(missing_ok=True)  # after an error or Ctrl-C
 
 
 def _prune(folder: Path, newest: Path) -> None:

@@ -23,6 +23,7 @@ from typing import Any, Literal, get_args
 
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.library.object_cache import Objects, one_at_a_time
+from flexgen.library.programs import Programs
 from flexgen.progress import throttle
 from flexgen.runtime.processor import INSTRUCTION_SETS
 from flexgen.runtime.targets import TARGETS, Target, library_suffix
@@ -323,18 +324,14 @@ def _packaged_compiler() -> list[str] | None:
 
 
 def _output(
-    command: Sequence[str], text: str, folder: Path | None = None
+    command: Sequence[str], text: str, folder: Path | None = None, programs: Programs | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run a program on a text; by default in the root, so that its output does not depend on the folder."""
-    return subprocess.run(
-        list(command),
-        cwd=folder or Path(os.sep),
-        input=text,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-        env={**os.environ, "LC_ALL": "C", "ZERO_AR_DATE": "1"},
+    return (programs or Programs()).run(
+        command,
+        text,
+        folder or Path(os.sep),
+        {**os.environ, "LC_ALL": "C", "ZERO_AR_DATE": "1"},
     )
 
 
@@ -345,9 +342,15 @@ def _errors(result: subprocess.CompletedProcess[str]) -> str:
     return "\n  ".join(errors[:5]) or f"exit status {result.returncode}, without a message"
 
 
-def run_compiler(what: str, command: Sequence[str], folder: Path, written: str) -> None:
+def run_compiler(
+    what: str,
+    command: Sequence[str],
+    folder: Path,
+    written: str,
+    programs: Programs | None = None,
+) -> None:
     """Run a program that writes a file in a folder; BuildError with its first errors where it does not."""
-    answer = _output(command, "", folder)
+    answer = _output(command, "", folder, programs)
     if answer.returncode != 0:
         raise BuildError(
             f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}"
@@ -460,6 +463,7 @@ def _compile(
     tell = throttle(log)
     known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
     log(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
+    programs = Programs()
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
@@ -472,13 +476,16 @@ def _compile(
                 "-o",
                 _object(file),
             ]
-            jobs[file] = pool.submit(run_compiler, "C compiler", words, folder, _object(file))
+            jobs[file] = pool.submit(
+                run_compiler, "C compiler", words, folder, _object(file), programs
+            )
         try:
             for done, (file, job) in enumerate(jobs.items(), 1):
                 job.result()
                 stored.keep(folder / file)
                 tell(f"compiled file {done} of {len(jobs)}: {file}")
-        except BuildError:
+        except BaseException:  # Ctrl-C too: what is left would be compiled to its end
+            programs.stop()
             pool.shutdown(cancel_futures=True)
             raise
 

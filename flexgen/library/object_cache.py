@@ -123,8 +123,10 @@ def keep_entry(folder: Path, name: str, data: bytes) -> None:
             with os.fdopen(handle, "wb") as file:
                 file.write(_mark(name, data) + data)
             os.replace(temporary, folder / name)
-        except OSError:
-            os.unlink(temporary)
+        except BaseException:  # Ctrl-C too
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
         _prune(folder)
 
 

@@ -169,7 +169,7 @@ class Limits:
         out: dict[str, Any] = {}
         for name, values in given.items():
             if values is not None:
-                if isinstance(values, Real) and not values > 0:
+                if isinstance(values, Real) and not float(values) > 0:
                     raise ArgumentError(
                         f"limits: given {name} {show_value(values)}, expected {sizes[name]} "
                         "positive numbers"
