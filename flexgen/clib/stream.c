@@ -994,6 +994,9 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     if (info->cause != MODEL_CAUSE_NONE) {
         return MODEL_TOLERANCE_NOT_MET;
     }
+    if (!is_finite(stream + RESIDUAL, LIMITED - RESIDUAL)) {
+        return failed(stream, MODEL_RESULT_NOT_FINITE);
+    }
     return info->limits_active ? MODEL_LIMITS_ACTIVE : MODEL_OK;
 }
 

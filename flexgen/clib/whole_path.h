@@ -1217,7 +1217,8 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     return report->residual_at_samples <= sampled_tolerances * o->tolerance &&
                    report->kinematic_mismatch <= mismatch_max &&
                    (report->torque_error <= torque_error_max ||
-                       report->residual_at_samples <= exact_tolerances * o->tolerance) ?
+                       (report->residual_at_samples <= exact_tolerances * o->tolerance &&
+                           report->torque_error < (real)INFINITY)) ?
                MODEL_OK :
                MODEL_TOLERANCE_NOT_MET;
 }

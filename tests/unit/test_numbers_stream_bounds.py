@@ -17,7 +17,7 @@ OPERATIONS = {
     "inversion_jacobians": 100003,
 }
 PLAIN = Contents(0, False, False, False, False, False, (0, 0, 0))
-SIZE, COUNT = (6671, 683, 65), (20656842, 973445, 246511)  # of the plain stream
+SIZE, COUNT = (6672, 683, 65), (20656842, 973445, 246511)  # of the plain stream
 # and what is more with a content
 WITH: list[tuple[dict[str, Any], tuple[int, int, int], tuple[int, int, int]]] = [
     ({"elements": 3}, (25, 0, 0), (90671174, 0, 4121417)),

@@ -11,7 +11,7 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.runtime.stream import Stream, stream_again
 
 PERIOD = 0.005  # s
@@ -105,3 +105,18 @@ def test_memory_of_a_stream_of_other_sizes_is_refused(
         other = at_rest(libraries["elbow"], **sizes)
         with pytest.raises(ArgumentError, match="memory of another stream"):
             on(memory_of(other), stream)
+
+
+@needs_compiler
+@pytest.mark.parametrize("power", [270, 294, 303])
+def test_no_result_with_an_infinite_number_in_its_info(
+    libraries: dict[str, flexgen.Library], power: int
+) -> None:
+    """A force near the largest number [N]: the step of the output had no bound, with the status OK."""
+    stream = at_rest(libraries["elbow"])
+    stream.set_force(np.array([10.0**power, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(SolverError, match="not finite"):
+        for _ in range(40):
+            found = stream.update(START, np.zeros(2), np.zeros(2))
+            infinite = [x for x in vars(found).values() if isinstance(x, float) and np.isinf(x)]
+            assert not (found.converged and infinite)

@@ -930,6 +930,9 @@ elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion
     if (info->cause != ELBOW_CAUSE_NONE) {
         return ELBOW_TOLERANCE_NOT_MET;
     }
+    if (!is_finite(stream + RESIDUAL, LIMITED - RESIDUAL)) {
+        return failed(stream, ELBOW_RESULT_NOT_FINITE);
+    }
     return info->limits_active ? ELBOW_LIMITS_ACTIVE : ELBOW_OK;
 }
 

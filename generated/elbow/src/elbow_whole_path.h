@@ -702,7 +702,8 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
     return report->residual_at_samples <= sampled_tolerances * o->tolerance &&
                    report->kinematic_mismatch <= mismatch_max &&
                    (report->torque_error <= torque_error_max ||
-                       report->residual_at_samples <= exact_tolerances * o->tolerance) ?
+                       (report->residual_at_samples <= exact_tolerances * o->tolerance &&
+                           report->torque_error < (real)INFINITY)) ?
                ELBOW_OK :
                ELBOW_TOLERANCE_NOT_MET;
 }
