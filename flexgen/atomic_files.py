@@ -14,6 +14,7 @@ import os
 import secrets
 import shutil
 import stat
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -211,6 +212,15 @@ def staging_folder(parent: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
         if descriptor >= 0:
             os.close(descriptor)
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A `staging_folder` among the temporary files of the system; those of killed processes are removed first."""
+    parent = Path(tempfile.gettempdir())
+    remove_leftovers(parent)
+    with staging_folder(parent) as folder:
+        yield folder
 
 
 def remove_leftovers(folder: Path) -> None:

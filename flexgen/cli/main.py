@@ -12,7 +12,9 @@ import contextlib
 import math
 import os
 import shlex
+import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Iterator, Sequence
@@ -208,6 +210,7 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
             _output_to_stderr(),
             _warnings_ignored(),
             interrupts_recorded(unlimited),
+            _ended_like_interrupted(),
         ):
             check_outputs(args)
             result = args.action(args, messages.progress)
@@ -244,6 +247,23 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
         messages.report(f"flexgen: {problem}")
     messages.record(f"exit status {status}")
     return status
+
+
+@contextlib.contextmanager
+def _ended_like_interrupted() -> Iterator[None]:
+    """Within: SIGTERM does what Ctrl-C does: compilers end, temporary files go, the best result stays.
+
+    Where Ctrl-C is ignored, as in a background job of a shell, SIGTERM ends the process as always.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or not callable(signal.getsignal(signal.SIGINT)):
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda number, frame: signal.raise_signal(signal.SIGINT))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _reason(error: BaseException, args: argparse.Namespace) -> str:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from flexgen.atomic_files import temporary_folder
 from flexgen.codegen.c_functions import inversion_reason
 from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import PrecisionName, library_name
@@ -172,7 +172,7 @@ def emit(
 
 def _generate(equations: Equations, precision: PrecisionName, parts: tuple[str, ...]) -> Emitted:
     """The library, derived and written."""
-    with tempfile.TemporaryDirectory(prefix="flexgen-") as folder:
+    with temporary_folder() as folder:
         made = generate(
             equations,
             folder,

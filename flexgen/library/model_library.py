@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from flexgen.atomic_files import temporary_folder
 from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import library_name
 from flexgen.deadline import pause
@@ -109,10 +109,8 @@ def _load(model: RobotModel, what: _What, progress: Callable[[str], None]) -> Li
     # computers that share the cache can differ
     processor = " ".join(sorted(instruction_sets() or ()))
     mark = hashlib.sha256(f"{digest} {what} {processor}".encode()).hexdigest()[:16]
-    with (
-        tempfile.TemporaryDirectory() if root is None else nullcontext(root / "libraries") as folder
-    ):
-        target = Path(folder) / f"{library_name(model)}-{mark}"
+    with temporary_folder() if root is None else nullcontext(root / "libraries") as folder:
+        target = folder / f"{library_name(model)}-{mark}"
         holder.append(_load_from_cache(model, target, what, progress))
     return holder[0]
 

@@ -7,12 +7,11 @@ another folder gets the paths from there. A robot that was read from a URDF file
 from __future__ import annotations
 
 import os
-import tempfile
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
-from flexgen.atomic_files import check_writable, write_text
+from flexgen.atomic_files import check_writable, temporary_folder, write_text
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -131,8 +130,7 @@ def write_model_text(
     target = Path(path)
     if target.suffix != ".toml":
         raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-    with tempfile.TemporaryDirectory() as place:  # what cannot be read again is not written
-        inner = Path(place)
+    with temporary_folder() as inner:  # what cannot be read again is not written
         again = read(write_text(inner / "model.toml", relocate(text, folder, inner)), variant)
     if check is not None:
         check(again)

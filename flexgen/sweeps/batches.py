@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.atomic_files import temporary_folder
 from flexgen.dae.signature import structural_index
 from flexgen.errors import BuildError, FlexgenError
 from flexgen.inversion.solution import limit_warnings
@@ -134,7 +134,7 @@ def _library(key: str, equations: Equations) -> InverseDynamics | None:
         while len(_LIBRARIES) >= KEPT:
             _LIBRARIES.pop(next(iter(_LIBRARIES)))
         try:
-            with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            with temporary_folder() as folder:
                 made = generate(equations, f"{folder}/library", functions=["inverse_dynamics"])
                 _LIBRARIES[key] = load(made.directory).inverse_dynamics
         except BuildError:

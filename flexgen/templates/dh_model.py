@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from textwrap import wrap
 
 import numpy as np
 
+from flexgen.atomic_files import temporary_folder
 from flexgen.errors import ArgumentError, FileError, ModelError
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
@@ -469,8 +469,8 @@ def _move(kept: Kept, arm: Arm) -> list[str]:
 
 def _read(text: str, table: DhTable) -> RobotModel:
     """The robot of a text; an error of the model is one of the table."""
-    with TemporaryDirectory() as place:
-        file = Path(place) / "new.toml"
+    with temporary_folder() as place:
+        file = place / "new.toml"
         file.write_text(text, encoding="utf-8")
         try:
             return read(file)

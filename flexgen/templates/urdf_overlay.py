@@ -7,11 +7,11 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from flexgen.atomic_files import temporary_folder
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import Coordinate, Dof, RobotModel
 from flexgen.model.inertia import mass_matrix, massless_coordinates
@@ -171,8 +171,8 @@ def _rigid_robot(urdf: Urdf, path: Path, repairs: Repairs) -> RobotModel:
         if link not in repairs.links:
             lines += [f"[link.{toml_key(link)}]"]
             lines += ["body = { mass = 0 }"]
-    with TemporaryDirectory() as place:
-        rigid = Path(place) / "rigid.toml"
+    with temporary_folder() as place:
+        rigid = place / "rigid.toml"
         rigid.write_text("\n".join(lines), encoding="utf-8")
         try:
             return read(rigid)

@@ -8,6 +8,7 @@ import signal
 import stat
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from flexgen.atomic_files import (
     follow_links,
     remove_leftovers,
     staging_folder,
+    temporary_folder,
     unwritable,
     write_text,
 )
@@ -256,3 +258,16 @@ def test_where_files_cannot_be_locked_only_old_ones_are_removed(tmp_path, monkey
 def test_devices_are_written_directly():
     write_text("/dev/null", "x")
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+def test_temporary_folders_of_killed_processes_are_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    left = tmp_path / f"{FOLDER}killed"
+    (left / "inside").mkdir(parents=True)
+    make_old(left)
+    (tmp_path / "other").mkdir()
+    with pytest.raises(KeyboardInterrupt), temporary_folder() as folder:
+        assert not left.exists() and folder.parent == tmp_path
+        (folder / "inside").write_text("x")
+        raise KeyboardInterrupt
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]

@@ -70,8 +70,13 @@ def until(condition: object, seconds: float) -> bool:
 
 @needs_compiler
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
-@pytest.mark.parametrize("trap", ["", "trap '' TERM INT"])
-def test_an_interrupt_ends_compilers_and_leaves_nothing(tmp_path: Path, trap: str) -> None:
+@pytest.mark.parametrize(
+    ("number", "trap"),
+    [(signal.SIGINT, ""), (signal.SIGINT, "trap '' TERM INT"), (signal.SIGTERM, "")],
+)
+def test_an_interrupt_ends_compilers_and_leaves_nothing(
+    tmp_path: Path, number: signal.Signals, trap: str
+) -> None:
     environment = os.environ | {
         "CC": str(slow_compiler(tmp_path, trap)),
         "FLEXGEN_CACHE": str(tmp_path / "cache"),
@@ -86,7 +91,7 @@ def test_an_interrupt_ends_compilers_and_leaves_nothing(tmp_path: Path, trap: st
         try:
             assert until(lambda: len(started(tmp_path)) >= 4, 60.0), process.poll()
             began = time.monotonic()
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             _, told = process.communicate(timeout=20.0)
             took = time.monotonic() - began
         finally:

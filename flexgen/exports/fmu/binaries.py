@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import platform
 import sys
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from flexgen.atomic_files import temporary_folder
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.fmu.block import Block
 from flexgen.library.compiler import NO_COMPILER, Compiler, find_compiler, run_compiler
@@ -81,8 +81,7 @@ def _compiler() -> Compiler:
 
 def compile_binary(block: Block, texts: Mapping[str, str], compiler: Compiler) -> bytes:
     """The shared library of the source; BuildError where the compiler fails."""
-    with tempfile.TemporaryDirectory(prefix="flexgen-fmu-") as name:
-        folder = Path(name)
+    with temporary_folder() as folder:
         for file, text in texts.items():
             if file.startswith("sources/"):
                 (folder / Path(file).name).write_text(text, encoding="utf-8", newline="\n")
