@@ -24,6 +24,7 @@ import numpy as np
 
 MEMBERS = 1000  # arrays in a file, at most
 DIRECTORY = 1_000_000  # bytes of the table of contents, at most
+_PART = 2**20  # bytes of an array that are unpacked at once
 HEADER = 10_000  # bytes of the header of an array, at most
 
 _END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"  # of the table of contents
@@ -216,20 +217,31 @@ def _array(
     dtype: np.dtype[Any],
     start: int,
 ) -> np.ndarray:
-    with archive.open(f"{name}.npy") as stream:
-        content = stream.read(start + math.prod(shape) * dtype.itemsize)
-        content += stream.read(1)  # its end: the checksum is compared there
     count = math.prod(shape)
-    if len(content) != start + count * dtype.itemsize:
+    numbers = np.empty(count, dtype)
+    # a part at a time, into the array: a file would take its size three times
+    bytes_of = memoryview(numbers.view(np.uint8)) if numbers.nbytes else memoryview(b"")
+    found = 0
+    with archive.open(f"{name}.npy") as stream:
+        stream.read(start)
+        while part := stream.read(min(_PART, numbers.nbytes - found) or 1):
+            if found + len(part) > numbers.nbytes:
+                break
+            bytes_of[found : found + len(part)] = part
+            found += len(part)
+            # at its end: the checksum is compared there
+    if part or found != numbers.nbytes:
         raise NpzError(
-            f"the array {name[:80]!r} with {len(content)} bytes", "as many as the archive states"
+            f"the array {name[:80]!r} with {start + found + len(part)} bytes",
+            "as many as the archive states",
         )
-    numbers = np.frombuffer(content, dtype, count, start) if count else np.zeros(0, dtype)
-    if dtype.kind == "U" and count and dtype.itemsize:
-        codes = np.frombuffer(content, np.dtype("u4").newbyteorder(dtype.byteorder), -1, start)
+    if dtype.kind == "U" and numbers.nbytes:
+        codes = numbers.view(np.dtype("u4").newbyteorder(dtype.byteorder))
         if codes.max() > sys.maxunicode:
             raise NpzError(f"the array {name[:80]!r} with characters that do not exist", "a text")
-    return numbers.reshape(shape, order="F" if by_columns else "C").copy()
+    if by_columns and len(shape) > 1:
+        return np.ascontiguousarray(numbers.reshape(shape, order="F"))
+    return numbers.reshape(shape)
 
 
 def _shorten(value: Any) -> str:

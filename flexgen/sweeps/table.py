@@ -17,7 +17,13 @@ from flexgen.errors import ArgumentError
 from flexgen.npz_files import NpzError, read_npz
 
 LARGEST = 2**34  # bytes of a table that is read
+# Bytes of a table that is read, for each byte of its file: numbers of 130 bytes a row are hardly
+# packed, and texts have at most 13000, so that no sweep reaches it. A smaller table may be packed more.
+PACKED = 200
+SMALL = 2**28
 LONGEST = 400  # characters of a text in a table
+ESCAPED = 6  # characters of one that is no text in UTF-8, as backslash, u and four digits
+HEAD = 100_000  # characters of the text that says what the columns are, at most
 
 
 @dataclass(frozen=True)
@@ -132,7 +138,8 @@ class Table:
     def load(path: str | Path) -> Table:
         """Read an npz file that `save` wrote; ArgumentError for one that is damaged or of another program."""
         try:
-            arrays = read_npz(Path(path), LARGEST)
+            most = max(SMALL, PACKED * Path(path).stat().st_size)
+            arrays = read_npz(Path(path), min(LARGEST, most), _check_array)
         except FileNotFoundError:
             raise ArgumentError(f"table: given {str(path)!r}, which does not exist") from None
         except OSError as error:
@@ -147,6 +154,16 @@ class Table:
                 f"{path}: given a file that is not a table of flexgen ({problem}), expected a table that a sweep wrote"
             )
         return Table(columns, {c.name: arrays[c.name] for c in columns})
+
+
+def _check_array(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """NpzError for texts longer than in any table, before they are read: zeros are packed to a thousandth."""
+    characters = dtype.itemsize // np.dtype("U1").itemsize if dtype.kind == "U" else 0
+    most = HEAD if name == "columns" else ESCAPED * LONGEST
+    if characters > most:
+        raise NpzError(
+            f"the array {name[:80]!r} with texts of {characters} characters", f"at most {most}"
+        )
 
 
 def are_rows(rows: Any, columns: Sequence[Column], cases: Sequence[int]) -> bool:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import io
 import json
+import tracemalloc
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -167,3 +171,50 @@ def test_the_command_line(tmp_path) -> None:
     for wrong in (("--workers", "-1"), ("--workers", "two"), ("--shard-size", "0")):
         with pytest.raises(UsageError):
             arguments("grid.toml", "--out", "x", *wrong)
+
+
+def bomb(path: Path, rows: int, characters: int) -> Path:
+    """A table of one column of texts that are empty: a thousandth of their size on the disk."""
+    head = json.dumps([["a", "text", "", "of nothing"]])
+    dtype = np.dtype(f"<U{characters}")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, shape, content in (
+            ("columns", (), np.array(head)),
+            ("a", (rows,), np.zeros(1, dtype)),
+        ):
+            header = io.BytesIO()
+            facts = {"descr": content.dtype.str, "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(header, facts)
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                member.write(header.getvalue())
+                for _ in range(rows if name == "a" else 1):
+                    member.write(content.tobytes())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("rows", "characters", "told"),
+    [(300, 300_000, "bytes, expected at most"), (20, 1_000_000, "texts of 1000000 characters")],
+)
+def test_a_small_file_does_not_take_large_memory(
+    tmp_path: Path, rows: int, characters: int, told: str
+) -> None:
+    path = bomb(tmp_path / "table.npz", rows, characters)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ArgumentError, match=told):
+            Table.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 1e7  # bytes
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_table_is_read_in_its_own_size(tmp_path: Path) -> None:
+    path = bomb(tmp_path / "table.npz", 20_000, 400)
+    size = 20_000 * 400 * 4  # bytes
+    tracemalloc.start()
+    try:
+        assert len(Table.load(path)) == 20_000
+        assert tracemalloc.get_traced_memory()[1] < 1.2 * size
+    finally:
+        tracemalloc.stop()
