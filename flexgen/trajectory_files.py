@@ -22,6 +22,7 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 
 from flexgen.errors import ArgumentError
+from flexgen.number_text import number_in
 from flexgen.spec.ports import Port
 from flexgen.spec.tables import open_file
 
@@ -30,7 +31,7 @@ LINE = 100_000  # characters of a line, at most
 CHANNELS = 1000  # at most
 NAME = 200  # characters of the name of a column, at most
 
-_ROWS = re.compile(r"#\s*rows:\s*(\d{1,12})\s*\Z")
+_ROWS = re.compile(r"#\s*rows:\s*([0-9]{1,12})\s*\Z")
 _COLUMN = re.compile(r"([^\[\]]+)\[([^\[\]]*)\] (.+)\Z", re.DOTALL)
 _WRITE = "write one with 'flexgen solve MODEL --out FILE'"
 
@@ -287,9 +288,7 @@ def _read_csv(path: Path) -> Content:
                     f"line {number}: given {len(row)} columns, expected {len(header)}"
                 )
             try:
-                if "_" in line:  # only Python reads 1_000 as a number
-                    raise ValueError
-                numbers.extend([float(x) for x in row])
+                numbers.extend([number_in(x) for x in row])
             except ValueError:
                 raise ArgumentError(f"line {number}: given text, expected numbers") from None
             if 8 * len(numbers) > LARGEST:

@@ -11,6 +11,7 @@ import math
 import re
 
 from flexgen.errors import ArgumentError
+from flexgen.number_text import number_in
 
 DEGREE = math.pi / 180
 TURN = 2 * math.pi
@@ -123,7 +124,7 @@ def conversion(where: str, unit: str, si: str, constant: float | None = None) ->
 
 def _constant(where: str, text: str) -> float:
     try:
-        constant = float(text)
+        constant = number_in(text)
     except ValueError:
         constant = math.nan
     if not (math.isfinite(constant) and constant > 0.0):

@@ -22,6 +22,7 @@ from flexgen.calibration.parameters import AXES, trackers_of
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.number_text import number_in
 from flexgen.records.columns import find_column
 from flexgen.records.tables import is_number
 from flexgen.spec.tables import open_file
@@ -233,7 +234,7 @@ def _numbers(
     for k, (column, factor) in enumerate([*places, *points]):
         cell = row[column].strip() if column >= 0 else ""
         try:
-            value = math.nan if not cell and k >= len(places) else float(cell)
+            value = math.nan if not cell and k >= len(places) else number_in(cell)
         except ValueError:
             value = math.inf
         if not (math.isnan(value) and k >= len(places)) and not abs(value) < FAR:

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from flexgen.number_text import number_in
+
 _DISTURBANCE = re.compile(
     r"(?P<kind>\w+):(?P<where>[\w.]+)=(?P<size>[-+.\deE]+)@(?P<start>[-+]?[.\d]+(?:[eE][-+]?\d+)?)"
     r"(?:\+(?P<length>[.\d]+(?:[eE][-+]?\d+)?))?(?:,(?P<low>[.\deE]+)-(?P<high>[.\deE]+))?\Z"
@@ -19,7 +21,7 @@ _DISTURBANCE = re.compile(
 def numbers(text: str) -> list[float]:
     """Numbers with commas between them."""
     try:
-        values = [float(part) for part in text.split(",")]
+        values = [number_in(part) for part in text.split(",")]
     except ValueError:
         values = [math.nan]
     if not all(math.isfinite(value) for value in values):
@@ -41,7 +43,7 @@ def integers(text: str) -> list[int]:
 def _number(text: str) -> float:
     """One finite number, else NaN."""
     try:
-        value = float(text)
+        value = number_in(text)
     except ValueError:
         return math.nan
     return value if math.isfinite(value) else math.nan
@@ -184,7 +186,7 @@ def plant(text: str) -> tuple[str, dict[str, float]]:
     for item in (rest if colon else text).split(","):
         key, equals, value = item.partition("=")
         try:
-            changes[key.strip()] = float(value)
+            changes[key.strip()] = number_in(value)
         except ValueError:
             equals = ""
         if not equals or not key.strip():
@@ -205,13 +207,13 @@ def disturbance(text: str) -> dict[str, Any]:
     try:
         if found is None:
             raise ValueError
-        band = (float(found["low"]), float(found["high"])) if found["low"] else None
+        band = (number_in(found["low"]), number_in(found["high"])) if found["low"] else None
         return {
             "kind": found["kind"],
             "where": found["where"],
-            "size": float(found["size"]),
-            "start_s": float(found["start"]),
-            "length_s": float(found["length"]) if found["length"] else None,
+            "size": number_in(found["size"]),
+            "start_s": number_in(found["start"]),
+            "length_s": number_in(found["length"]) if found["length"] else None,
             "frequency_hz": band,
         }
     except ValueError:
@@ -245,6 +247,6 @@ def joint_value(text: str) -> tuple[str, float]:
     try:
         if not (name and equals):
             raise ValueError
-        return name, float(value)
+        return name, number_in(value)
     except ValueError:
         raise argparse.ArgumentTypeError(f"given {text!r}, expected such as q3=0.5") from None

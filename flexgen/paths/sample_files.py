@@ -15,6 +15,7 @@ import numpy as np
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import OF_ROTATION, RobotModel
 from flexgen.npz_files import NpzError, read_npz
+from flexgen.number_text import number_in
 from flexgen.paths.jets import axis_angle, quaternion_product
 from flexgen.spec.tables import closest, open_file
 
@@ -194,7 +195,7 @@ class _File:
 
     def _number(self, line: int, name: str, cell: str) -> float:
         try:
-            number = np.nan if "_" in cell else float(cell)  # only Python reads 1_000 as a number
+            number = number_in(cell)
         except ValueError:
             number = np.nan
         if not abs(number) <= LARGEST:

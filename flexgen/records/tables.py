@@ -16,6 +16,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.npz_files import NpzError, read_npz
+from flexgen.number_text import number_in
 from flexgen.spec.tables import open_file
 
 EXPECTED = "names in line 1, then numbers with a decimal point, and commas between the columns"
@@ -113,7 +114,7 @@ def _names(file: Path) -> tuple[list[str], int]:
 def is_number(cell: str) -> bool:
     """Whether a cell has a number, or nothing."""
     try:
-        float(cell or "0")
+        number_in(cell or "0")
     except ValueError:
         return False
     return True
@@ -156,9 +157,7 @@ def _number(where: str, name: str, cell: str) -> float:
     if name == SKIPPED or not cell.strip():
         return 0.0
     try:
-        if "_" in cell:  # only Python reads 1_000 as a number
-            raise ValueError
-        return float(cell)
+        return number_in(cell)
     except ValueError:
         given = cell.strip()[:40]
         raise ArgumentError(f"{where}: {name}: given {given!r}, expected a number") from None

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from flexgen.errors import ModelError
+from flexgen.number_text import is_count
 from flexgen.spec.tables import part_of
 from flexgen.spec.toml_lines import Entry, Path, Scanner, parse
 
@@ -112,7 +113,7 @@ def _plain(value: Any) -> str:
     """A number, vector (keys are indices, missing entries zero, three at least) or table in TOML."""
     if not isinstance(value, dict):
         return repr(value)
-    if all(key.isdigit() for key in value):
+    if all(is_count(key) for key in value):
         return f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(max(3, *(int(k) + 1 for k in value))))}]"
     return f"{{ {', '.join(f'{key} = {_plain(x)}' for key, x in value.items())} }}"
 
@@ -123,7 +124,7 @@ def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]
     words = dotted.split(".")
     for n, word in enumerate(words):
         key, _ = part_of(here, word)
-        if key is None and isinstance(here.value, list) and word.isdigit():
+        if key is None and isinstance(here.value, list) and is_count(word):
             if len(here.value) <= int(word) < LONGEST:
                 return path, (word,)
             key = int(word) if int(word) < len(here.value) else None

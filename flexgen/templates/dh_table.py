@@ -291,7 +291,7 @@ class _Reader:
 
     def _cell(self, line: int, column: Column, unit: str, text: str, kind: str) -> Cell:
         """A number of the table, checked."""
-        if self.delimiter != "," and re.fullmatch(r"[-+\d]*,\d+([eE][-+]?\d+)?", text):
+        if self.delimiter != "," and re.fullmatch(r"[-+\d]*,\d+([eE][-+]?\d+)?", text, re.ASCII):
             text = text.replace(",", ".")
         units = column.units_of(kind)
         if unit not in units:
