@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
@@ -142,6 +143,7 @@ class InversionProblem:
         poses = reduction.follow(path, times, reduction.start(path).q_a)
         out = []
         for t, q in zip(times[::stride], poses[::stride], strict=True):
+            check_time(f"zeros along the path, at t = {t:.4g} s")
             equilibrium = equilibrium_at(equations, q)
             out.append(
                 (float(t), inner_zeros(equations, linearize(equations, equilibrium), equilibrium))

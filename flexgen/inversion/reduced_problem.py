@@ -35,6 +35,8 @@ from flexgen.model.friction import (
 from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path, PathSample
 
+# Samples at which the equations are evaluated between two looks at the time limit: some 0.5 s.
+BLOCK = 4096
 # relative size of the smallest singular value below which rows no longer determine accelerations
 SINGULAR = 1e-9
 DOUBTFUL = 1e-5  # and below which they may amplify errors, so that `motion_through` is tried too
@@ -297,9 +299,15 @@ class Reduction:
         return self._motion(chain)
 
     def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
-        return dict(
-            zip(self._levels.name_out(), evaluate(self._levels, *chain, *self._force), strict=True)
-        )
+        n = len(chain[0])
+        blocks = []
+        for first in range(0, n, BLOCK):
+            check_time(f"equations along the path, sample {first} of {n}")
+            part = slice(first, first + BLOCK)
+            forces = (x[part] if len(x) == n else x for x in self._force)
+            blocks.append(evaluate(self._levels, *(x[part] for x in chain), *forces))
+        values = (x[0] if len(x) == 1 else np.concatenate(x) for x in zip(*blocks, strict=True))
+        return dict(zip(self._levels.name_out(), values, strict=True))
 
     def _picking(self, W: np.ndarray) -> np.ndarray:
         """The matrix (n, n_a, n_a) whose upper rows are W and whose lower rows pick the non-actuated coordinates."""

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexgen.deadline import check_time
 from flexgen.inversion.problem import HELD, LAGS, LONGEST_SETTLING, InversionProblem
 from flexgen.inversion.sampling import SAMPLES
 from flexgen.inversion.undamped import describe_swing
@@ -62,6 +63,7 @@ def invert_until_settled(
         A warning where the motion has not decayed at the last sample.
     """
     while True:
+        check_time(f"inversion until {n_post} samples after the path")
         found = invert(n_post)
         if found.n_post == 0:
             return found, ()

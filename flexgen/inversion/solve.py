@@ -208,6 +208,7 @@ def _problem(
             find_function("Move.fastest")(equations.model, move, limits, log or False),
             None,
         )
+    check_time("the path of the move")
     equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
     if force is not None:
         from flexgen.paths.process_force import make_force
@@ -226,6 +227,7 @@ def _derive(
         return model
     if log is not None:
         log("deriving the equations of motion")
+    check_time("deriving the equations of motion")
     return kept_equations(robot_of(model))
 
 
@@ -582,6 +584,7 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
 
     Where its samples do not resolve the steps of the friction at reversals, it gets more samples there.
     """
+    check_time(f"residuals of method {method}")
     solution = _make_solution(problem, method, result)
     if (
         solution.residual_relative <= RESIDUAL
@@ -591,6 +594,7 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
         return solution
     from flexgen.inversion.reversals import with_reversals
 
+    check_time("samples around the reversals of motors")
     finer = with_reversals(problem.equations, result, problem.force)
     if finer is None:
         return solution

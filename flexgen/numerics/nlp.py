@@ -10,11 +10,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.deadline import check_time, time_left
+from flexgen.deadline import UNLIMITED, OutOfTime, check_time, is_late, time_left
 
 Progress = Callable[[str], None]
 
 BUILDING = "IPOPT, building the nonlinear program"
+# The status of IPOPT where its own clock ends the iterations.
+OUT_OF_TIME = "Maximum_WallTime_Exceeded"
 
 WARM = 1e-6  # barrier and distance from bounds where IPOPT starts near a solution
 # A Hessian that is known to be positive semidefinite needs no check of the inertia, which rounding makes wrong where
@@ -60,9 +62,11 @@ class NonlinearProgram:
 
 
 class _Watch(ca.Callback):
-    """Reports each iteration to a progress function."""
+    """Reports each iteration to a progress function, and ends the iterations with the time limit."""
 
-    def __init__(self, n_x: int, lower: np.ndarray, upper: np.ndarray, progress: Progress) -> None:
+    def __init__(
+        self, n_x: int, lower: np.ndarray, upper: np.ndarray, progress: Progress | None
+    ) -> None:
         ca.Callback.__init__(self)
         self.n_x, self.n_g, self.progress = n_x, len(lower), progress
         self.lower, self.upper = lower, upper
@@ -80,6 +84,10 @@ class _Watch(ca.Callback):
         return ca.Sparsity.dense(sizes.get(ca.nlpsol_out(i), 0), 1)
 
     def eval(self, arg: list[ca.DM]) -> list[int]:
+        if is_late():
+            return [1]
+        if self.progress is None:
+            return [0]
         at = {ca.nlpsol_out(i): value for i, value in enumerate(arg)}
         violation = _violation(np.array(at["g"]).ravel(), self.lower, self.upper)
         elapsed = time.perf_counter() - self.began
@@ -156,11 +164,13 @@ def solve_nlp(
         near |= {"warm_start_mult_bound_push": WARM, "warm_start_slack_bound_push": WARM}
         options |= {f"ipopt.{name}": value for name, value in near.items()}
     lower, upper = (np.broadcast_to(bound, n_g) for bound in (program.lower, program.upper))
+    left = time_left()
+    # kept until the end: CasADi does not hold it
     watch = None
-    if progress is not None:
+    if progress is not None or left < UNLIMITED:
         watch = _Watch(x.shape[0], lower, upper, progress)
         options["iteration_callback"] = watch
-    options["ipopt.max_wall_time"] = time_left()
+    options["ipopt.max_wall_time"] = left
     solver = ca.nlpsol("nlp", "ipopt", {"x": x, "f": cost, "g": g, "p": p}, options)
     check_time(BUILDING)
     arguments: dict[str, Any] = {"x0": guess, "lbg": lower, "ubg": upper}
@@ -180,9 +190,10 @@ def solve_nlp(
         bool(stats["success"]) and violation <= 100 * tolerance and bool(np.isfinite(violation))
     )
     if not success:
-        check_time(
-            f"IPOPT, iteration {int(stats['iter_count'])}, largest violation {violation:.2e}"
-        )
+        stage = f"IPOPT, iteration {int(stats['iter_count'])}, largest violation {violation:.2e}"
+        check_time(stage)
+        if stats["return_status"] == OUT_OF_TIME:
+            raise OutOfTime(stage)
     return NlpResult(
         status=str(stats["return_status"]),
         success=success,

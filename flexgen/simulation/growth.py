@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.deadline import check_time
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import check_inertia, second_order_matrices
 from flexgen.mechanics.motor_harmonics import highest_harmonics
@@ -31,6 +32,8 @@ from flexgen.trajectory import Trajectory
 STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
 PHASE = 0.4  # rad: between instants of the grid, of the fastest Fourier sum of a motor angle
 MOST_HARMONIC = 8000  # intervals that resolve it, at most: some seconds of matrix exponentials
+# Matrix exponentials between two looks at the time limit: some 0.1 s of 24 states.
+BLOCK = 200
 # Part of the duration up to which two instants are the same: rounding of times, far below a sample.
 SAME = 1e-12
 AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: rounding
@@ -174,7 +177,7 @@ class Growth:
 
 def growth_along(along: Linearized, held: float = 0.0) -> Growth:
     """The growth along a motion, and with its last torque held for ``held`` [s] after it."""
-    steps, n = expm(along.means * along.lengths[:, None, None]), along.A.shape[-1] // 2
+    steps, n = _exponentials(along.means * along.lengths[:, None, None]), along.A.shape[-1] // 2
     more = [
         round(seconds / STEP)
         for seconds in (held, along.rest + held, along.rest + max(held, AFTER))
@@ -186,6 +189,15 @@ def growth_along(along: Linearized, held: float = 0.0) -> Growth:
         max(1.0, float(sizes[len(along.lengths) + k - 1])) for k in (at_rest, *more[1:])
     )
     return Growth(movement, whole, later)
+
+
+def _exponentials(matrices: np.ndarray) -> np.ndarray:
+    """Matrix exponentials (k, m, m); with thousands of matrices a time limit can end in between."""
+    found = np.empty_like(matrices)
+    for first in range(0, len(matrices), BLOCK):
+        check_time(f"growth of perturbations, interval {first} of {len(matrices)}")
+        found[first : first + BLOCK] = expm(matrices[first : first + BLOCK])
+    return found
 
 
 def _log_growth(steps: np.ndarray, n: int) -> np.ndarray:

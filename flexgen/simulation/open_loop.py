@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.deadline import check_time
 from flexgen.mechanics.equations import Equations
 from flexgen.simulation.defect import propagate_residual
 from flexgen.simulation.growth import Growth, growth_along, linearize_along, motion_of
@@ -39,11 +40,13 @@ def analyze(
     motion = motion_of(equations.model, data, {name: x[:count] for name, x in given.items()})
     if motion is None:
         return None, {}
+    check_time("growth of perturbations")
     along = linearize_along(equations, motion)
     growth = growth_along(along, held)
     known: dict[str, Any] = {"growth": growth.movement, "growth_whole": growth.whole}
     if not own_torque:
         return growth, known
+    check_time("effect of the residuals between the samples")
     residual = midpoint_residual(equations, motion, data.meta.get("torque") == "limited")
     found = propagate_residual(equations, motion, along, residual, growth.movement > UNSTABLE)
     return growth, {**known, "defect_max_m": found[0], "defect_max_rad": found[1]}

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import PPoly
 
+from flexgen.deadline import check_time
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
@@ -167,7 +168,9 @@ def _rates(
 ) -> tuple[ca.Function, CompiledRate | None]:
     """The rate of a robot as a CasADi function, and in C."""
     if equations not in _known:
+        check_time("equations of the simulation")
         function = _rate(equations)
+        check_time("compilation of the simulation")
         in_c = compiled_rate(function, progress)
         _known[equations] = function if in_c is None else in_c.function, in_c
     return _known[equations]

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import channel_units, output_labels, output_units
@@ -329,6 +330,7 @@ def _simulate_once(
         from flexgen.environment.wall import add_contact
 
         recorded = add_contact(task.wall, equations, recorded)
+    check_time("simulation of the time after the end")
     later_m, later_rad = _later_errors(task, found, (in_m, in_rad))
     return Simulation(
         trajectory=recorded,

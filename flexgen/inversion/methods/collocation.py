@@ -22,13 +22,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import CubicSpline, make_interp_spline
 
+from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 from flexgen.inversion.method_result import MethodResult, with_motors
 from flexgen.inversion.methods import full_model
 from flexgen.inversion.problem import ACCELERATION, InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
 from flexgen.inversion.solution import motion_residual
-from flexgen.numerics.nlp import NlpResult, NonlinearProgram, Progress, solve_nlp
+from flexgen.numerics.nlp import BUILDING, NlpResult, NonlinearProgram, Progress, solve_nlp
 from flexgen.numerics.tableaus import Tableau, gauss
 from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path, PathSample
@@ -163,6 +164,7 @@ def collocate(
     mesh = Transcription(nodes, gauss(stages), n_e, 3 * n_g)
     sample = path.sample(mesh.times)
     guess, ends = _guess(reduction, path, mesh)
+    check_time(BUILDING)
 
     z, row, h, deflection, w = mesh.instant()
     X = ca.SX.zeros(3 * n_a)
@@ -185,6 +187,7 @@ def collocate(
     x = ca.MX.sym("x", mesh.size)
     g, jacobian, _ = mesh.constraints(x, rows, [z, row, h, target, y1, y2], values, scale_x, guess)
 
+    check_time(BUILDING)
     # the cost is quadratic and the constraints leave few freedoms: the Hessian of the cost is curvature enough
     first_and_last = np.r_[0 : 2 * n_e, mesh.n_nodes - 2 * n_e : mesh.n_nodes]
     weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)

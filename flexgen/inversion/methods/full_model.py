@@ -25,6 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import CubicSpline
 
+from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.motor_side import MotorMotion, gear_torques
@@ -37,7 +38,7 @@ from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import equilibrium_at, reach
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
-from flexgen.numerics.nlp import NlpResult, NonlinearProgram, Progress, solve_nlp
+from flexgen.numerics.nlp import BUILDING, NlpResult, NonlinearProgram, Progress, solve_nlp
 from flexgen.numerics.tableaus import Tableau, gauss
 from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path
@@ -114,6 +115,7 @@ def collocate_full(
     SolverError
         IPOPT does not converge, or the arm cannot be held at an end of the path within the limits.
     """
+    check_time(BUILDING)
     model = equations.model
     bounds = _Bounds.of(model, limits or Limits())
     mesh = Transcription(nodes, gauss(STAGES), model.dof + model.n_m, model.output.size)
@@ -121,6 +123,7 @@ def collocate_full(
     _check_equilibrium(model, slow, bounds)
     scales = _Scales.of(equations, mesh, slow)
     guess = _guess(model, mesh, slow, bounds)
+    check_time(BUILDING)
     rows, symbols, target, bernstein, upper = _instant(equations, mesh, bounds)
     x = ca.MX.sym("x", mesh.size)
     targets = slow.reduction.targets(path.sample(mesh.times)).T
@@ -128,6 +131,7 @@ def collocate_full(
     g, jacobian, scale = mesh.constraints(
         x, rows, [*symbols, target, bernstein], values, scales.x, guess
     )
+    check_time(BUILDING)
     upper_g = np.r_[np.tile(upper * scale, mesh.N * STAGES), np.zeros(2 * mesh.n * mesh.N)]
     weight, aim = _cost(model, mesh, slow, path.duration, bounds)
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scales.x)) ** 2) / 2
