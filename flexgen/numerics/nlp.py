@@ -84,7 +84,7 @@ class _Watch(ca.Callback):
         return ca.Sparsity.dense(sizes.get(ca.nlpsol_out(i), 0), 1)
 
     def eval(self, arg: list[ca.DM]) -> list[int]:
-        if is_late():
+        if is_late("iteration of IPOPT"):
             return [1]
         if self.progress is None:
             return [0]

@@ -167,10 +167,9 @@ def _rates(
     equations: Equations, progress: Callable[[str], None] | None
 ) -> tuple[ca.Function, CompiledRate | None]:
     """The rate of a robot as a CasADi function, and in C."""
+    check_time("equations of the simulation")
     if equations not in _known:
-        check_time("equations of the simulation")
         function = _rate(equations)
-        check_time("compilation of the simulation")
         in_c = compiled_rate(function, progress)
         _known[equations] = function if in_c is None else in_c.function, in_c
     return _known[equations]

@@ -6,10 +6,12 @@ import importlib
 import json
 import signal
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arms_with_friction import arm, moves_of
 from toolchain import needs_compiler
 
 import flexgen
@@ -191,3 +193,110 @@ def test_exit_status_of_exceeded_limits(tmp_path, capfd) -> None:
     assert "limits exceeded: motor m1: torque 24.48 N m exceeds its limit 5 N m" in captured.err
     assert "--ignore-limits" in captured.err and (tmp_path / "line.npz").exists()
     assert main([*words, "--ignore-limits"]) == 0
+
+
+# --- stages ----------------------------------------------------------------------------------------------------------
+
+# Method -> beginnings of the stages in which its time can end.
+STAGES = {
+    "closed-form": (
+        "deriving the equations of motion",
+        "the path of the move",
+        "method closed-form",
+        "quasi-static motion along the path",
+        "equations along the path",
+        "residuals of method closed-form",
+        "growth of perturbations",
+        "growth of perturbations, interval",
+        "effect of the residuals",
+        "simulation at t",
+        "simulation of the time after the end",
+    ),
+    "lq": ("zeros along the path", "inversion until", "residuals of method lq"),
+    "collocation": ("IPOPT, building the nonlinear program", "residuals of method collocation"),
+    "full": ("IPOPT, building the nonlinear program", "simulation at t"),
+}
+
+
+def end_in(
+    monkeypatch: pytest.MonkeyPatch, clock: Clock, stage: str, skipped: int = 0
+) -> list[str]:
+    """The clock stands still until a stage has begun, and is far beyond the limit then; the stages of all looks."""
+    clock.step = 0.0
+    seen: list[str] = []
+    look = deadline.Deadline.check
+
+    def check(self: deadline.Deadline, text: str) -> None:
+        seen.append(text)
+        if sum(each.startswith(stage) for each in seen) > skipped:
+            clock.now = 1e9
+        look(self, text)
+
+    monkeypatch.setattr(deadline.Deadline, "check", check)
+    return seen
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("method", "stage"), [(method, stage) for method, stages in STAGES.items() for stage in stages]
+)
+def test_a_solve_ends_in_the_stage_in_which_its_time_ends(
+    method: str, stage: str, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = end_in(monkeypatch, clock, stage)
+    try:
+        found = flexgen.solve(model_of(method), method=method, time_limit=5.0, progress=False)
+    except SolverError as error:
+        reason = str(error)
+    else:
+        assert found.status is flexgen.Status.TOLERANCE_NOT_MET
+        # what a method has found is there, from its simulation on
+        assert np.isfinite(found.trajectory["tau_m"]).all()
+        reason = found.stopped
+    assert f"the time limit of 5 s ended in: {seen[-1]}" in reason
+    assert seen[-1].startswith(stage)
+    # nothing was begun after it
+    assert sum(text.startswith(stage) for text in seen) == 1
+
+
+@pytest.mark.parametrize("method", ["collocation", "full"])
+def test_ipopt_ends_at_the_iteration_at_which_the_time_ends(
+    method: str, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also without messages: its callback looks at the clock, and names no stage."""
+    seen = end_in(monkeypatch, clock, "iteration of IPOPT", skipped=1)
+    with pytest.raises(SolverError, match="the time limit of 5 s ended in: IPOPT, iteration 1, "):
+        flexgen.solve("planar5_nmp", method=method, time_limit=5.0, progress=False)
+    assert sum(text == "iteration of IPOPT" for text in seen) == 2
+
+
+def test_the_clock_of_ipopt_ends_a_solve_too(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It counts from the first iteration on, and may end before the other one."""
+    clock.step = 0.0
+    monkeypatch.setattr("flexgen.numerics.nlp.time_left", lambda: 1e-9)
+    with pytest.raises(SolverError, match="the time limit of 5 s ended in: IPOPT, iteration"):
+        flexgen.solve("planar5_nmp", method="collocation", time_limit=5.0, progress=False)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_solve_looks_at_the_clock_all_the_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By processor time: between two looks of the second solve of an arm, less than a quarter of it."""
+    model = arm(0, str(tmp_path))
+    equations = flexgen.derive(model)
+    move = moves_of(equations, 0)[0]
+    flexgen.solve(equations, move, ignore_limits=True)
+    looks: list[float] = []
+
+    def perf_counter() -> float:
+        looks.append(time.process_time())
+        return looks[-1]
+
+    monkeypatch.setattr(deadline, "time", SimpleNamespace(perf_counter=perf_counter))
+    began = time.process_time()
+    found = flexgen.solve(equations, move, ignore_limits=True)
+    all_looks = [began, *looks, time.process_time()]
+    assert found.status is flexgen.Status.SOLVED
+    assert np.diff(all_looks).max() < (all_looks[-1] - began) / 4
