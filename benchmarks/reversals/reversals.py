@@ -1,10 +1,10 @@
 """Six-axis arms with steep friction: ten moves each with motors that reverse, solved, and their errors confirmed.
 
-    python benchmarks/reversals/reversals.py RESULTS.json [FIRST LAST]
+    python benchmarks/reversals/reversals.py RESULTS.json [--quick]
 
 solves the moves of the arms of tests/support/arms_with_friction.py by the default method, compares every stated error
 with a simulation that shares no code with flexgen (tests/support/whole_move.py), and writes
-benchmarks/reversals/reversals.md from all results in the file. Arms in the file are not computed again.
+benchmarks/reversals/reversals.md from all results in the file. Arms in the file are not computed again. With --quick: one move of one arm, printed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 FOLDER = Path(__file__).resolve().parent
 sys.path.insert(0, str(FOLDER.parents[1] / "tests" / "support"))
 
-from arms_with_friction import ARMS, arm, moves_of  # noqa: E402
+from arms_with_friction import ARMS, MOVES, arm, moves_of  # noqa: E402
 from claimed_error import claimed_error, claims_within  # noqa: E402
 
 import flexgen  # noqa: E402
@@ -30,10 +30,10 @@ REFEREE = 60  # s: of the simulation that shares no code, of one move
 CONFIRMED = ("seam0", "back2")  # moves that it simulates
 
 
-def solve_arm(number: int, folder: str) -> list[dict[str, Any]]:
-    """One row for each move of an arm."""
+def solve_arm(number: int, folder: str, count: int) -> list[dict[str, Any]]:
+    """One row for each of the first moves of an arm."""
     equations = flexgen.derive(arm(number, folder))
-    moves = moves_of(equations, number)
+    moves = moves_of(equations, number)[:count]
     # compiles the simulation of this arm, once
     flexgen.solve(equations, moves[0], ignore_limits=True)
     rows = []
@@ -102,17 +102,19 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(text)
 
 
-def main(file: Path, first: int, last: int) -> None:
-    """Solve the arms that are not in the file, and write it and the page."""
-    rows = json.loads(file.read_text()) if file.is_file() else []
-    done = {row["arm"] for row in rows}
+def main(file: Path, quick: bool) -> None:
+    """Solve the arms that are not in the file, and write it and the page; ``quick``: one move, printed."""
     with tempfile.TemporaryDirectory() as folder:
-        for number in range(first, last):
-            if number not in done:
-                rows += solve_arm(number, folder)
-                file.write_text(json.dumps(rows, indent=0))
+        if quick:
+            print(table(solve_arm(0, folder, 1)))
+            return
+        rows = json.loads(file.read_text()) if file.is_file() else []
+        done = {row["arm"] for row in rows}
+        for number in sorted({*range(ARMS)} - done):
+            rows += solve_arm(number, folder, MOVES)
+            file.write_text(json.dumps(rows, indent=0))
     (FOLDER / "reversals.md").write_text(table(rows))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), *(map(int, sys.argv[2:4]) if len(sys.argv) > 3 else (0, ARMS)))
+    main(Path(sys.argv[1]), "--quick" in sys.argv)

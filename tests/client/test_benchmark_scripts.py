@@ -41,6 +41,7 @@ SHORTEST = {
     "models.py": ["elbow"],
     "peers.py": ["--quick", "--robots", "elbow"],
     "planning.py": ["--quick"],
+    "reversals/reversals.py": [RESULTS, "--quick"],
     "sizes.py": ["elbow"],
     "trees/trees.py": ["--quick"],
     "uncertainty/coverage.py": ["planar5_nmp"],
