@@ -97,6 +97,7 @@ class Problem(Made):
             "gear_settling": 0.0,
             "windows": (0.1, 0.2),
             "options": {},
+            "undamped": None,
         }
         super().__init__(**{**fixed, **values})
         self.texts: list[str] = []
