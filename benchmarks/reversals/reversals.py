@@ -4,7 +4,8 @@
 
 solves the moves of the arms of tests/support/arms_with_friction.py by the default method, compares every stated error
 with a simulation that shares no code with flexgen (tests/support/whole_move.py), and writes
-benchmarks/reversals/reversals.md from all results in the file. Arms in the file are not computed again. With --quick: one move of one arm, printed.
+benchmarks/reversals/reversals.md from all results in the file. Arms in the file are not computed
+again. With --quick: one move of one arm, printed.
 """
 
 from __future__ import annotations
