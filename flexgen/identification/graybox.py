@@ -142,6 +142,16 @@ def identify(
     return replace(found, source=source, amplitude=tested)
 
 
+def _confirm(status: FitStatus, causes: tuple[Cause, ...]) -> FitStatus:
+    """The status after the search for causes: of a fit that agrees, a hidden one is a model error."""
+    if status is not FitStatus.FITTED:
+        return status
+    if causes:
+        return FitStatus.MODEL_ERROR
+    # A search that was ended early may have missed the cause that matters.
+    return status_of_end(status, reason_of_end())
+
+
 def _fit(
     vector: ParameterVector,
     data: Frf,
@@ -204,7 +214,7 @@ def _fit(
                 hidden_causes(residuals, best.x) if fitted else explain(residuals.on(data), best.x)
             )
         causes = () if is_over() else causes  # of a part of the causes one may seem the best
-        status = FitStatus.MODEL_ERROR if fitted and causes else status
+        status = _confirm(status, causes)
     covariance = residuals.covariance(best.x, best.A)
     if unsure:
         away = unsure * find_shift(residuals, best.x, best.A, measured.G)
