@@ -497,6 +497,7 @@ def _suspicions(table: DhTable) -> list[str]:
         end = "begins" if likely == "modified" else "ends"
         found.append(
             f"the table {end} with a = 0 and alpha = 0, as tables of the convention {likely!r} do; "
-            f"given {table.convention!r}: compare the position of the tool below with the datasheet"
+            f"given {table.convention!r}: compare the position of the tool "
+            "with all joints at 0 with the datasheet"
         )
     return found
