@@ -47,6 +47,10 @@ def duration(seconds: float) -> str:
 # m or rad: smaller errors are those of the computation; no robot and no sensor shows them
 NOISE = 1e-7
 
+# First part of the keys of speeds [m/s, rad/s] and of their relative errors. They have the same
+# bound: in motions of about a second such speeds are errors of the computation, too.
+SPEED = "speed_"
+
 
 class Figure(NamedTuple):
     """A figure of a result: its name, its value (None where there is none), its unit, and its key in JSON."""
@@ -60,13 +64,15 @@ class Figure(NamedTuple):
 def figure_rows(figures: Iterable[Figure]) -> list[tuple[str, str]]:
     """Labels and texts of the figures that have a value."""
     return [
-        (f.label, _figure_text(f.value, f.unit).strip())
+        (f.label, _figure_text(f.value, f.unit, f.key).strip())
         for f in figures
         if f.value not in (None, "")
     ]
 
 
-def _figure_text(value: str | float | None, unit: str) -> str:
+def _figure_text(value: str | float | None, unit: str, key: str) -> str:
+    if isinstance(value, float) and key.startswith(SPEED) and 0.0 < abs(value) < NOISE:
+        return f"< {NOISE:.0e} {unit}"
     if isinstance(value, float) and unit in ("m", "rad"):
         return format_size(value, unit)
     return f"{value:.4g} {unit}" if isinstance(value, float) else f"{value} {unit}"
@@ -82,6 +88,11 @@ def format_size(value: float | None, unit: str) -> str:
         (1.0, "") if value >= 0.9995 else (1e3, "m") if value >= 0.9995e-3 else (1e6, "u")
     )
     return f"{factor * value:.3g} {prefix}{unit}"
+
+
+def thousandths(value: float) -> float | str:
+    """A length [m] or angle [rad] in mm or mrad; ``< 0.0001`` below the errors of computation."""
+    return f"< {1e3 * NOISE:.1g}" if 0.0 < abs(value) < NOISE else 1e3 * value
 
 
 def both_measured(in_m: float | None, in_rad: float | None) -> str:

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from flexgen.counts import show_value
-from flexgen.display import Figure, figure_rows
+from flexgen.display import Figure, figure_rows, thousandths
 from flexgen.errors import ArgumentError
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
@@ -212,17 +212,21 @@ class PathAccuracy(Result):
     def robot_rows(self) -> list[tuple[str, ...]]:
         """The figures of each robot as texts."""
 
-        def text(value: float | None, factor: float = 1e3, otherwise: str = "-") -> str:
-            return otherwise if value is None else f"{factor * value:.4g}"
+        def size(value: float | None) -> str:
+            shown = "-" if value is None else thousandths(value)
+            return shown if isinstance(shown, str) else f"{shown:.4g}"
+
+        def time(value: float | None, otherwise: str = "-") -> str:
+            return otherwise if value is None else f"{value:.4g}"
 
         return [
             (
                 name,
-                text(error),
-                text(settled, 1.0, "not settled"),
-                text(over),
-                text(stable, 1.0),
-                text(drift),
+                size(error),
+                time(settled, "not settled"),
+                size(over),
+                time(stable),
+                size(drift),
             )
             for name, error, settled, over, stable, drift in self._each()
         ]

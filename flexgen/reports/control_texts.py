@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from flexgen.display import thousandths
 from flexgen.reports.text_tables import number, paragraph, table
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
     for r in run.runs:
         f = run.figures(r)
         lengths = [
-            1e3 * f[f"{key}_{u}"]
+            thousandths(f[f"{key}_{u}"])
             for u in units
             for key in ("error_max", "dynamic_error_max", "error_end")
         ]
@@ -108,7 +109,7 @@ def feedforward_text(compared: FeedforwardComparison) -> str:
         [
             row["robot"],
             f"{row['what']}, m{row['unit']}",
-            *("failed" if row[name] is None else 1e3 * row[name] for name in names),
+            *("failed" if row[name] is None else thousandths(row[name]) for name in names),
         ]
         for row in compared.rows()
     ]
@@ -144,7 +145,7 @@ def tuning_text(tuned: CascadeTuning) -> str:
         [
             row["robot"],
             *(
-                "failed" if row[f"{name}_{when}"] is None else 1e3 * row[f"{name}_{when}"]
+                "failed" if row[f"{name}_{when}"] is None else thousandths(row[f"{name}_{when}"])
                 for name in ("dynamic_error_max", "error_max")
                 for when in ("before", "after")
             ),
