@@ -129,7 +129,7 @@ def write_model_text(
     """
     target = Path(path)
     if target.suffix != ".toml":
-        raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
+        raise ArgumentError(f"path: given {str(path)!r}, expected a name that ends in .toml")
     with temporary_folder() as inner:  # what cannot be read again is not written
         again = read(write_text(inner / "model.toml", relocate(text, folder, inner)), variant)
     if check is not None:

@@ -143,13 +143,16 @@ def test_controllers_by_name_file_or_object(monkeypatch: pytest.MonkeyPatch) -> 
     """With the title that results have; without elasticity there is no notch; unknown names list the known ones."""
     model, motion = flexgen.read("elbow"), [np.zeros((3, 2))] * 7
     asked: list[Any] = []
+    asked_hz = {"position_hz": 12.345, "speed_hz": 1.0}
+    used_hz = [1.0, 1.0]
 
     def cascade(self: PPI, model: Any, late: float, begin: Any) -> str:
         asked.append((late, [len(x) for x in begin], self.filters))
         return "cascade"
 
     monkeypatch.setattr(PPI, "cascade", cascade)
-    monkeypatch.setattr(PPI, "frequencies", lambda self, model, begin: {"a": 12.345, "b": 1.0})
+    monkeypatch.setattr(PPI, "frequencies", lambda self, model, begin: dict(asked_hz))
+    monkeypatch.setattr(PPI, "speeds_in_use", lambda self, model, late, begin: np.array(used_hz))
     lowest = [4.56]
     monkeypatch.setattr(named_controllers, "lowest_locked_hz", lambda model, motion: lowest[0])
 
@@ -158,6 +161,11 @@ def test_controllers_by_name_file_or_object(monkeypatch: pytest.MonkeyPatch) -> 
 
     assert made("ppi") == made(PPI()) == ("cascade", "ppi 12.3/1 Hz")
     assert asked[0][:2] == (pytest.approx(1.5e-3), [1] * 7) and asked[0][2] == ()
+    used_hz[:] = [0.5, 0.25]
+    assert made("ppi")[1] == (
+        "ppi 12.3/0.25 to 0.5 Hz (position/speed/integral; speed cut from 1 Hz, because sample time "
+        "and delay are 1.5 ms)"
+    )
     assert made("ppi_notch") == ("cascade", "ppi with a notch at 4.56 Hz")
     (notch,) = asked[-1][2]
     assert tuple(vars(notch).values()) == (4.56, 0.3, 0.9)

@@ -244,6 +244,7 @@ def failed(status: Status, **more: Any) -> Any:
         "method": "lq",
         "model": None,
         "trajectory": None,
+        "details": {},
     }
     fields |= {"simulation": Made(energy_error=1e-9, feedback=None), "residual_relative": 2e-3}
     fields |= {"tool_error_max_m": 2e-3, "tool_error_max_rad": None}
@@ -269,6 +270,7 @@ def test_what_a_solution_misses_is_told_with_advice(monkeypatch: pytest.MonkeyPa
     for more, expected in (
         ({}, f"{of_path}a finer --mesh"),
         ({"simulation": None}, f"{of_path}a finer --mesh"),
+        ({"details": {"cause": "it is too stiff"}}, f"{status}: it is too stiff"),
         ({"method": "fjm"}, f"{of_path}take --method auto or lq, or a finer --mesh"),
         (
             {"plan_error_max": 1.0},

@@ -96,6 +96,7 @@ def fitted(
     monkeypatch.setattr(graybox, "explain", lambda r, x: ("a cause",))
     monkeypatch.setattr(graybox, "hidden_causes", lambda r, x: hidden)
     monkeypatch.setattr(graybox, "IdentificationResult", Made)
+    monkeypatch.setattr(graybox, "_grade", lambda residuals, x, data: (x.tolist(), data.name))
     monkeypatch.setattr(graybox, "_report_hidden", lambda *given: ("hidden",))
     given: dict[str, Any] = {
         "data": data_of("measured"),
@@ -121,6 +122,7 @@ def test_a_fit_of_noise_is_the_least_squares_fit(monkeypatch: pytest.MonkeyPatch
         3,
     )
     assert_allclose(found.formal_covariance, np.diag([4.0, 9.0]))
+    assert found.grade == (found.x.tolist(), "measured")
     assert (
         found.weak == ("hidden",)
         and found.causes == ()

@@ -388,7 +388,13 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
     )
     monkeypatch.setattr(drawn + "error_text", lambda found: f"drawn {found}")
     args = arguments(
-        "control", move="line", delay=1e-3, disturbances=None, wall=None, passivity=True
+        "control",
+        move="line",
+        delay=1e-3,
+        disturbances=None,
+        wall=None,
+        passivity=True,
+        compare=False,
     )
     answer = controls.control(args, print)
     assert (

@@ -224,7 +224,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
             "INTERRUPTED": 130,
             "PIPE_CLOSED": 141,
         },
-        "flexgen.cli.result": {"EVERY": 2.0},
+        "flexgen.progress": {"EVERY": 2.0},
         "flexgen.display": {"SHOWN": 12},
         "flexgen.loop.result": {"SHOWN": 20},
         "flexgen.reports.motion": {"SHOWN": 0.08},

@@ -32,6 +32,8 @@ RANGES = {
     "JOINT_SPEED_TRANSLATION": (0.01, 10.0, 1e-4, 100.0),
     "MOVE_SPEED": (0.0, 50.0, 0.0, 1e3),
     "MOVE_SPEED_TRANSLATION": (0.0, 10.0, 0.0, 100.0),
+    "HOLD": (0.0, 1e6, 0.0, 1e9),
+    "REVERSAL": (0.0, 5.0, 0.0, np.inf),
     "TORQUE": (1.0, np.inf, 0.0, np.inf),
     "DENSITY": (1.0, np.inf, 0.1, np.inf),
     "SIZE": (0.0, 1.0, 0.0, 1e3),

@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.loop import result
+from flexgen.loop.named_controllers import FeedforwardOnly
 from flexgen.loop.result import ControlRun
 
 FORCE = np.arange(24.0).reshape(4, 6)
@@ -48,6 +49,7 @@ def made_run(force: np.ndarray | None = None, **failures: str) -> ControlRun:
         "runs": tuple(runs),
         "reference": reference,
         "controller": "mine",
+        "law": FeedforwardOnly(),
     }
     for name, value in (fields | {"force": force}).items():
         object.__setattr__(made, name, value)

@@ -340,7 +340,7 @@ def test_limits_are_kept_by_another_path_where_they_are_active(
         monkeypatch.setattr(limits, name, value)
     problem: Any = SimpleNamespace(
         limits="limits",
-        equations=SimpleNamespace(model="arm"),
+        equations=SimpleNamespace(model=SimpleNamespace(output=SimpleNamespace(has_angle=False))),
         log=calls.append,
         path=SimpleNamespace(pose=True),
     )

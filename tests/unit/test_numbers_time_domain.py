@@ -56,6 +56,7 @@ class Found:
     at_bound: Any = None
     weak: Any = None
     weights: str = ""
+    grade: Any = "of the frequency responses"
     wall_s: float = 0.0
 
 
@@ -112,6 +113,8 @@ def test_a_refinement_is_the_least_squares_fit_with_its_prior(
         "noise",
         "whole",
     ]
+    # the grade is that of another model
+    assert fine.grade is None
     assert vector.names == first.names == ("q1.stiffness", "q2.damping")
     assert_allclose(vector.values(vector.start), [5e6, 550.0])
     A, weight = np.real(linear.J.conj().T @ linear.J), np.diag(vector.prior_sd**-2.0)

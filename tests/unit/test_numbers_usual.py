@@ -12,6 +12,7 @@ import pytest
 from flexgen.errors import SolverError
 from flexgen.plausibility import moves, numbers
 from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, Usual, make_finding
+from flexgen.spec.parts import Friction
 
 
 def joint(unit: str = "rad", **more: Any) -> Any:
@@ -26,6 +27,7 @@ def motor(**more: Any) -> Any:
         "ratio": (100.0,),
         "inertia": 1e-4,
         "speed_max": None,
+        "friction": Friction(),
     }
     return Made(**(fields | {"torque_max": None} | more))
 
@@ -331,13 +333,14 @@ def test_moves_that_have_no_path_are_errors(monkeypatch: pytest.MonkeyPatch) -> 
     def joints(equations: Any, move: Any) -> Any:
         if move is a:
             raise SolverError("out of reach")
-        return None if move is b else ("angles", "speeds")
+        return None if move is b else ("angles", "speeds", np.array([0.25, 0.5]))
 
     monkeypatch.setattr(moves, "_joints", joints)
     monkeypatch.setattr(moves, "_range", lambda robot, key, q_g: (key, q_g))
     monkeypatch.setattr(moves, "_speeds", lambda robot, key, v_g: [(key, v_g)])
     still = Made(findings=lambda key, q_g: [(key, "at poses")])
     monkeypatch.setattr(moves, "_Still", lambda equations, known: still)
+    monkeypatch.setattr(moves, "_reversals", lambda robot, changes: [changes.tolist()])
     advice = "start, displacement or end of the move; lengths of the arm in m"
     assert list(moves.moves(equations)) == [
         Finding(
@@ -353,4 +356,5 @@ def test_moves_that_have_no_path_are_errors(monkeypatch: pytest.MonkeyPatch) -> 
         ("program.c", "angles"),
         ("program.c", "speeds"),
         ("program.c", "at poses"),
+        [0.25, 0.5],
     ]

@@ -189,7 +189,7 @@ def test_the_verbs_derive_and_measure_say_how_long_they_took(
 ) -> None:
     made = SimpleNamespace(name="arm", variant="stiff", title="arm@stiff")
     equations = SimpleNamespace(
-        model=made, sizes=lambda: {"mass_matrix": 12, "forward_dynamics": 345}
+        model=made, sizes=lambda log: {"mass_matrix": 12, "forward_dynamics": 345}
     )
     monkeypatch.setattr(robot, "time", clock(100.0, 102.5))
     monkeypatch.setattr(robot, "derive_model", lambda args: equations)
