@@ -125,14 +125,14 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
         motion.tau_m,
     ]
     n = model.dof
-    # a force of constant direction pushes by J(q)' f: it has a stiffness, -d(J' f)/dq
-    acting = equations
+    jacobians = equations.function("residual_jacobians")
     if motion.force is not None:
-        acting = equations.pushed
-        arguments.append(motion.force)
-    M, D, K, _ = second_order_matrices(
-        *evaluate(acting.function("residual_jacobians"), *(x[at] for x in arguments))
-    )
+        # a force of constant direction pushes by J(q)' f: it has a stiffness, -d(J' f)/dq
+        jacobians = equations.pushed.function("residual_jacobians")
+        # where J is constant, as of a gantry, the force has none and is no argument
+        if "f_tool" in jacobians.name_in():
+            arguments.append(motion.force)
+    M, D, K, _ = second_order_matrices(*evaluate(jacobians, *(x[at] for x in arguments)))
     check_inertia(model, M)
     side = np.ones(n)
     side[model.n_a :] = np.abs(model.eta).max(axis=1)[list(model.i_m)]
