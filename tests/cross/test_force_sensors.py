@@ -21,6 +21,7 @@ from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 ROBOTS = ("planar5_nmp", "elbow", "manutec_r3_18")
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 POINT = (0.11, -0.07, 0.05)  # m: of the sensors in the body frames
 
 
@@ -116,13 +117,20 @@ def motion_of(
     q_m: np.ndarray,
     force: np.ndarray,
 ):
-    """A trajectory of two equal samples."""
+    """A trajectory of two equal samples, with the names and units of the model's coordinates."""
+    arm = [c.name for c in model.coordinates]
+    rates = {"q_a": "", "v_a": "/s", "a_a": "/s^2"}
+    units = {n: tuple(c.unit + rate for c in model.coordinates) for n, rate in rates.items()}
+    units |= {"q_m": ("rad",) * model.n_m, "force": ("N",) * 3 + ("N m",) * 3}
+    labels = {name: tuple(arm) for name in rates}
+    labels |= {"q_m": tuple(m.name for m in model.motors), "force": WRENCH}
     values = {"q_a": q_a, "v_a": v_a, "a_a": a_a, "q_m": q_m, "force": force}
-    labels = {name: tuple(map(str, range(len(x)))) for name, x in values.items()}
-    ports = {name: Port(name, (len(x),), "-", "") for name, x in values.items()}
-    return Trajectory(
-        np.array([0.0, 1.0]), {n: np.tile(x, (2, 1)) for n, x in values.items()}, ports, labels
-    )
+    ports = {
+        name: Port(name, (len(x),), " or ".join(dict.fromkeys(units[name])), "")
+        for name, x in values.items()
+    }
+    rows = {n: np.tile(x, (2, 1)) for n, x in values.items()}
+    return Trajectory(np.array([0.0, 1.0]), rows, ports, labels, units=units)
 
 
 def both(name: str) -> tuple[np.ndarray, np.ndarray, int]:

@@ -283,7 +283,14 @@ def exact():
         ({"free": ["stifness"]}, "parameters: given 'stifness', expected some of"),
         ({"free": []}, "free: given no parameter"),
         ({"free": ["m9.torque_constant"]}, "expected one of m1.torque_constant"),
-        ({"free": ["m1.coulomb"]}, r"start of m1.coulomb: given 0.0 N m, expected a number > 0"),
+        (
+            {"free": ["m1.coulomb"]},
+            r"given m1.coulomb of a friction with beta = 0, expected beta > 0",
+        ),
+        (
+            {"free": ["m1.coulomb", "m1.beta"]},
+            r"start of m1.coulomb: given 0.0 N m, expected a number > 0",
+        ),
         ({"start": {"q9.stiffness": 1.0}}, "start: given 'q9.stiffness', expected one of the free"),
         ({"start": {"q1.stiffness": -1.0}}, "start of q1.stiffness: given -1.0"),
         ({"bounds": {"q1.stiffness": (5.0, 1.0)}}, "bounds of q1.stiffness"),
