@@ -4,10 +4,11 @@
 after Ctrl-C, also where a library in C++ has caught that exception and reported a failure. Outside of `running` there
 is no limit.
 
-`limit_fit` is `running` for a fit, whose best step so far is its result. Until a first step is known (`best_known`) the
-end of the time and Ctrl-C end the call. From then on they end the searches (`keep_best`) only, and what computes the
-result from the best step runs to its end; a second Ctrl-C ends the call. `is_over` says that what is left can be
-left out, `reason_of_end` why the result is not the end of the search.
+`limit_fit` is `running` for a fit, whose best step so far is its result. Until a first step is
+known (`best_known`) the end of the time and Ctrl-C end the call. From then on they end the searches
+(`keep_best`) only, and what computes the result from the best step runs to its end; a second Ctrl-C
+ends the call. `is_over` says that what is left can be left out, `reason_of_end` why the result is
+not the end of the search.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ class Deadline:
 
     def __init__(self, seconds: float) -> None:
         self.seconds, self.interrupted = seconds, False
-        # Of a fit: whether it has a step that can be its result, how many searches are under way, and why they ended.
+        # Of a fit: whether it has a step that can be its result, how many searches are under way,
+        # and why they ended.
         self.is_of_fit = False
         self.best_known = False
         self.tell: Callable[[str], None] | None = None
@@ -130,8 +132,8 @@ def limit_call(name: str, seconds: float | None) -> Iterator[Deadline]:
         if not seconds or deadline.seconds < seconds:  # the limit of another call
             raise
         raise OutOfTime(
-            f"{name}: the time limit of {seconds:g} s is over ({error}); allow more with --time-limit SECONDS "
-            "(time_limit=)"
+            f"{name}: the time limit of {seconds:g} s is over ({error}); allow more with "
+            "--time-limit SECONDS (time_limit=)"
         ) from None
 
 
@@ -139,9 +141,9 @@ def limit_call(name: str, seconds: float | None) -> Iterator[Deadline]:
 def limit_fit(
     name: str, seconds: float | None, tell: Callable[[str], None] | None = None
 ) -> Iterator[Deadline]:
-    """Within: the time limit [s] of a fit, whose searches end with their best step; None or 0: unlimited.
+    """Limit the time [s] of a fit, whose searches end with their best step.
 
-    ``tell`` gets a line with an estimate of the time after the first step.
+    None or 0: unlimited. ``tell`` gets a line with an estimate of the time after the first step.
 
     Raises
     ------
@@ -167,15 +169,16 @@ def limit_fit(
         if not seconds or deadline.seconds < seconds:  # the limit of another call
             raise
         raise OutOfTime(
-            f"{name}: the time limit of {seconds:g} s was over before the first step ({error}); allow more with "
-            "--time-limit SECONDS (time_limit=)"
+            f"{name}: the time limit of {seconds:g} s was over before the first step ({error}); "
+            "allow more with --time-limit SECONDS (time_limit=)"
         ) from None
 
 
 def best_known(step_s: float = 0.0) -> None:
-    """From now on the fit under way has a result: the end of the time and Ctrl-C end its searches only.
+    """State that the fit under way has a result.
 
-    ``step_s`` [s]: that the first step took, from which the time of a search is estimated.
+    From then on the end of the time and Ctrl-C end its searches only. ``step_s`` [s]: that the
+    first step took, from which the time of a search is estimated.
     """
     deadline = _current.get()
     if deadline is None or not deadline.is_of_fit:
@@ -184,15 +187,15 @@ def best_known(step_s: float = 0.0) -> None:
         low, high = FEW_STEPS * step_s, MOST_STEPS * step_s
         limit = f"; limit {deadline.seconds:g} s" if deadline.seconds < UNLIMITED else ""
         deadline.tell(
-            f"a step takes {step_s:.2g} s, a search of {FEW_STEPS} to {MOST_STEPS} steps about {low:.2g} to "
-            f"{high:.2g} s{limit}"
+            f"a step takes {step_s:.2g} s, a search of {FEW_STEPS} to {MOST_STEPS} steps about "
+            f"{low:.2g} to {high:.2g} s{limit}"
         )
     deadline.best_known = True
 
 
 @contextmanager
 def keep_best() -> Iterator[None]:
-    """Within: a search of a fit, whose best step so far is kept where the end of the time or Ctrl-C ends it.
+    """Keep the best step of a search where the end of the time or Ctrl-C ends it.
 
     Outside of a fit, and before its first step is known, these errors pass.
     """
@@ -218,7 +221,7 @@ def is_over() -> bool:
 
 
 def reason_of_end() -> str:
-    """`TIME_LIMIT` or `INTERRUPTED` where the fit under way has to end, or ended; else an empty text."""
+    """`TIME_LIMIT` or `INTERRUPTED` where the fit under way has to end, or ended; else empty."""
     deadline = _current.get()
     if deadline is None or not deadline.is_of_fit:
         return ""

@@ -34,10 +34,11 @@ SHARED = """
     time_limit SECONDS not_negative old=--time: time limit of each solve [s]: then, or after Ctrl-C, it ends with the
         best solution so far (exit status 1, or 130); default: {default}; 0: no limit
 @fit_time
-    time_limit SECONDS not_negative: time limit [s]: then, or after Ctrl-C, it ends with the best step so far, which is
-        printed and written (exit status 1, or 130); default: no limit
+    time_limit SECONDS not_negative: time limit [s]: then, or after Ctrl-C, it ends with the best
+        step so far, which is printed and written (exit status 1, or 130); default: no limit
 @call_time
-    time_limit SECONDS not_negative: time limit [s], after which it ends without a result; default: no limit
+    time_limit SECONDS not_negative: time limit [s], after which it ends without a result;
+        default: no limit
 @report
     report DIR: write a self-contained HTML report to DIR
 @page

@@ -56,8 +56,8 @@ MOST = 20_000  # evaluations
 class TuningResult(Result):
     """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best value so far.
 
-    ``evaluations``: how often the score was computed; ``ended``: "time limit" or "interrupted" where the search was
-    ended from outside, else empty.
+    ``evaluations``: how often the score was computed; ``ended``: "time limit" or "interrupted"
+    where the search was ended from outside, else empty.
 
     Examples
     --------
@@ -126,7 +126,8 @@ def tune(
     seed : int
         Of the other starts.
     time_limit : float, optional [s]
-        Of the search: then, or after Ctrl-C, the result is the best so far; its ``ended`` says so. 0: no limit.
+        Of the search: then, or after Ctrl-C, the result is the best so far; its ``ended`` says so.
+        0: no limit.
     progress : callable or bool, optional
 
     Returns

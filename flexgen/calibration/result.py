@@ -77,8 +77,8 @@ class Calibration(Result):
     converged : bool
     warnings : tuple of str
     ended : str
-        ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the numbers are
-        those of its best step. Else empty.
+        ``"time limit"`` or ``"interrupted"`` where the search was ended from outside: the numbers
+        are those of its best step. Else empty.
 
     Examples
     --------

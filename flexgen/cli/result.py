@@ -125,7 +125,7 @@ def check_outputs(args: Namespace) -> None:
 
 
 def check_model_file(args: Namespace, *given: Any) -> None:
-    """Check before a fit that its result can be written to ``--out``: the name, and the new model file.
+    """Check before a fit that its result can be written to ``--out``.
 
     Raises
     ------
@@ -195,8 +195,9 @@ def with_files(
 ) -> VerbResult:
     """The result of a verb with files: their paths are in the data, and a line each below the text.
 
-    ``files``: paths, or functions that write a file and return its path. Where one cannot be written, the result has
-    the reason as a problem, and everything else is printed. ``after``: words behind the paths of some.
+    ``files``: paths, or functions that write a file and return its path. Where one cannot be
+    written, the result has the reason as a problem, and everything else is printed. ``after``:
+    words behind the paths of some.
     """
     paths: dict[str, Path | None] = {}
     failures: list[str] = []

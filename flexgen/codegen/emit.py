@@ -32,9 +32,9 @@ _INTERNAL = re.compile(
 def function_texts(
     spec: LibrarySpec, log: Callable[[str], None] | None = None
 ) -> dict[str, FunctionText]:
-    """The mathematics of every function as C, by name; BuildError where an operation cannot be written.
+    """The mathematics of every function as C, by name.
 
-    ``log`` gets a line before each function.
+    BuildError where an operation cannot be written. ``log`` gets a line before each function.
     """
     found = {}
     for k, function in enumerate(spec.functions, 1):

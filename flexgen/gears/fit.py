@@ -412,7 +412,10 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
 
 
 def _best_step(model: GearModel, fit: Fit, white: Whitening) -> Estimate:
-    """The estimate of a search that was ended: without the correction for noise, with the formal covariance."""
+    """The estimate of a search that was ended.
+
+    Without the correction for noise, with the formal covariance.
+    """
     error = model.torques([fit.x], model.motion)[0] - model.measured
     free = np.diag(fit.A) > 0.0
     inner = np.ix_(free, free)

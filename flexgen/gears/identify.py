@@ -97,8 +97,8 @@ def identify_gears(
         Names of the columns of a CSV file without a header, such as ``t,q1,q2,m1,m2`` (SI units, or
         with a unit).
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status "time limit" or "interrupted"; 0: no
-        limit.
+        Then, or after Ctrl-C, the result is the best step so far, with the status "time limit" or
+        "interrupted"; 0: no limit.
     progress : callable or bool, optional
 
     Returns

@@ -72,5 +72,8 @@ class FitStatus(ExplainedStatus):
 
 
 def status_of_end(status: FitStatus, reason: str) -> FitStatus:
-    """The status of a fit, or that of a search which `flexgen.deadline.reason_of_end` says was ended from outside."""
+    """The status of a fit; of a search that was ended from outside, the reason of the end.
+
+    See `flexgen.deadline.reason_of_end`.
+    """
     return FitStatus.of_value(reason) if reason else status

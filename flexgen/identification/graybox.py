@@ -101,8 +101,8 @@ def identify(
         whether the robot is nonlinear, and whether hysteresis, backlash, a stiffness that rises with the deflection or
         Coulomb friction, which the model lacks, explains it.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or ``interrupted``.
-        None or 0: unlimited.
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or
+        ``interrupted``. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

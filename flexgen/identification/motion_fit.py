@@ -385,8 +385,8 @@ def fit_motion(
     validate : str or Path, optional
         A description of recordings that are not fitted.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or ``interrupted``.
-        None or 0: unlimited.
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or
+        ``interrupted``. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns

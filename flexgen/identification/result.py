@@ -240,7 +240,8 @@ class IdentificationResult(Estimated):
     amplitude : AmplitudeTest or None
         Whether the responses depend on the level of the excitation, where they were given at several.
     grade : Grade or None
-        Misfit by element and band, and whether the model is good enough for feedforward; None after `refine`.
+        Misfit by element and band, and whether the model is good enough for feedforward; None after
+        `refine`.
 
     Examples
     --------
@@ -348,8 +349,9 @@ class IdentificationResult(Estimated):
 class FileWords:
     """Texts of a new model file.
 
-    ``source``: of the data; ``head``: lines of comments for the beginning; ``note``: first line, instead of the place
-    of the standard deviations; ``finish``: changes the text, not where the numbers are in a variant.
+    ``source``: of the data; ``head``: lines of comments for the beginning; ``note``: first line,
+    instead of the place of the standard deviations; ``finish``: changes the text, not where the
+    numbers are in a variant.
     """
 
     source: str
@@ -369,8 +371,9 @@ def write_model(
 ) -> Path:
     """Write a model file: the text of the old one with the values of some parameters and their standard deviations.
 
-    Relative paths in the file, of samples and of a URDF file, lead to the same files from the new folder. The numbers
-    of an overlay are those that it states; where it has no key for one, all of them are in its variant `IDENTIFIED`.
+    Relative paths in the file, of samples and of a URDF file, lead to the same files from the new
+    folder. The numbers of an overlay are those that it states; where it has no key for one, all of
+    them are in its variant `IDENTIFIED`.
 
     Parameters
     ----------
@@ -401,7 +404,8 @@ def write_model(
                 raise ModelError(
                     file, 0, parameter.key,
                     f"a number that the variant {model.variant!r} sets to another one",
-                    "a model without variant, or a variant that leaves the identified numbers alone",
+                    "a model without variant, or a variant that leaves the identified numbers "
+                    "alone",
                 )  # fmt: skip
 
     def write(text: str, chosen: str | None) -> Path:
@@ -426,9 +430,10 @@ def write_model(
 
 
 def check_file(path: str | Path, model: RobotModel, names: Iterable[str] = ()) -> None:
-    """Check before a fit that `Estimated.write` can write numbers of the model into a new model file; errors as there.
+    """Check before a fit that `Estimated.write` can write numbers into a new model file.
 
-    ``names``: of the numbers that are fitted, as far as they are those of the model.
+    Errors as there. ``names``: of the numbers that are fitted, as far as they are those of the
+    model.
     """
     values = {p.name: p.value for p in select(model, list(names))} if names else {}
     write_model(path, model, values, {}, FileWords("check"), dry=True)
@@ -446,8 +451,8 @@ def write_parameters(
 ) -> str:
     """The text of a model file with the values of some parameters, each with a comment on its accuracy.
 
-    Comments of an earlier identification on the same parameters are removed: they are of the old values. ``key_of``:
-    the key in the file from that of the parameter.
+    Comments of an earlier identification on the same parameters are removed: they are of the old
+    values. ``key_of``: the key in the file from that of the parameter.
     """
     chosen = _numbers(model, values)
     numbers = {key_of(p.key): values[p.name] for p in chosen}

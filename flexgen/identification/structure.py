@@ -95,8 +95,8 @@ def structure(
     fixed : sequence of str
         Coordinates that are not removed.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best structure so far, with the status ``time limit`` or
-        ``interrupted``. None or 0: unlimited.
+        Then, or after Ctrl-C, the result is the best structure so far, with the status
+        ``time limit`` or ``interrupted``. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -149,7 +149,7 @@ def _best_change(
     fixed: Sequence[str],
     tell: Callable[[str], None],
 ) -> tuple[IdentificationResult | None, list[Change]]:
-    """The fit of the best change that is kept, and that change; None, and those that were rejected."""
+    """The fit of the best change that is kept, and that change; None, and the rejected ones."""
     tried: list[tuple[Change, IdentificationResult]] = []
     candidates = [("add", dof.name, changed) for dof, changed in additions(now.vector.model)]
     candidates += [

@@ -20,7 +20,8 @@ from flexgen.model.friction import (
 
 # methods that search for minutes (IPOPT)
 SEARCHES = ("collocation", "full")
-# Times the accuracy: up to this error a method that is exact on fine meshes needs no search of minutes after it.
+# Times the accuracy: up to this error a method that is exact on fine meshes needs no search of
+# minutes after it.
 NEARLY = 100.0
 # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 FULL_LARGEST = 8
@@ -75,10 +76,11 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
 
 
 def is_worth_a_search(problem: InversionProblem, method: Method, error: float) -> bool:
-    """Whether "auto" tries a method after another one has found a motion with the verified ``error``, infinite: none.
+    """Whether "auto" tries a method after another one has found a motion.
 
-    A search cannot gain where the motion is exact at its samples, as without non-actuated coordinates, where the torque
-    has kinks that no mesh resolves, or where the error is near the accuracy already.
+    ``error``: verified, of that motion; infinite: none. A search cannot gain where the motion is
+    exact at its samples, as without non-actuated coordinates, where the torque has kinks that no
+    mesh resolves, or where the error is near the accuracy already.
     """
     if method.name not in SEARCHES or not np.isfinite(error):
         return True

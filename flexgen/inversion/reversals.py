@@ -1,17 +1,21 @@
-"""Samples of a motion around the reversals of motors, where a steep friction changes within a sampling interval.
+"""Samples of a motion around the reversals of motors with steep friction.
 
-The torque of a motor with the friction ``coulomb tanh(beta v)`` steps by twice the Coulomb friction while its speed
-passes from -1/beta to 1/beta: within 20 us for beta = 50 s/rad and an acceleration of 1000 rad/s^2. A curve through
-samples 1 ms apart has the step at another instant and swings around it. Here intervals are halved until
+The torque of a motor with the friction ``coulomb tanh(beta v)`` steps by twice the Coulomb friction
+while its speed passes from -1/beta to 1/beta: within 20 us for beta = 50 s/rad and an acceleration
+of 1000 rad/s^2. A curve through samples 1 ms apart has the step at another instant and swings
+around it. Here intervals are halved until
 
     |beta (v(t + h) - v(t))| <= TURN (1 + |beta v|)        wherever |beta v| < SATURATED,
 
-and neighbors differ by at most a factor of two. The motion at the new samples is the quintic Hermite interpolant that
-the verification uses, and the torque is the one with which the equations of the motors hold there:
+and neighbors differ by at most a factor of two. The motion at the new samples is the quintic
+Hermite interpolant that the verification uses, and the torque is the one with which the equations
+of the motors hold there:
 
-    tau_m = tau + r(tau),      r: residual of the motors, less that between the samples, which the method leaves
+    tau_m = tau + r(tau),      r: residual of the motors, less that which the method leaves
+                               between the samples
 
-so that the samples, and the curve through them, contain the step at its instant. The samples of the method are kept.
+so that the samples, and the curve through them, contain the step at its instant. The samples of the
+method are kept.
 """
 
 from __future__ import annotations
@@ -37,8 +41,8 @@ from flexgen.trajectory import Trajectory
 if TYPE_CHECKING:
     from flexgen.paths.process_force import ProcessForce
 
-# Largest change of beta v over an interval, relative to 1 + |beta v|. The poles of tanh are pi/2 away, so that a quintic
-# spline with knots as close has an error of 1e-6 of the step.
+# Largest change of beta v over an interval, relative to 1 + |beta v|. The poles of tanh are pi/2
+# away, so that a quintic spline with knots as close has an error of 1e-6 of the step.
 TURN = 0.25
 # From this beta v on the friction is constant: 1 - tanh(12) = 8e-11.
 SATURATED = 12.0
@@ -51,7 +55,10 @@ MOST = 200_000
 def with_reversals(
     equations: Equations, result: MethodResult, force: ProcessForce | None = None
 ) -> MethodResult | None:
-    """The result with samples around the reversals of motors whose friction is steep; None where it needs none."""
+    """The result with samples around the reversals of motors whose friction is steep.
+
+    None where it needs none.
+    """
     slopes = _slopes(equations.model)
     t = _refine_instants(result, slopes)
     if t is None:
@@ -60,10 +67,10 @@ def with_reversals(
 
 
 def unresolved_friction(equations: Equations, trajectory: Trajectory) -> str:
-    """The friction that changes its sign where the residual of a trajectory is largest, as a reason; empty: none.
+    """The friction that changes its sign where the residual is largest, as a reason; empty: none.
 
-    Steep friction of a joint behind an elastic gear: its torque steps there, and the motor would have to follow within
-    the time of the step.
+    Steep friction of a joint behind an elastic gear: its torque steps there, and the motor would
+    have to follow within the time of the step.
     """
     model = equations.model
     limited = trajectory.meta.get("torque") == "limited"
@@ -90,15 +97,16 @@ def unresolved_friction(equations: Equations, trajectory: Trajectory) -> str:
             continue
         width = 2.0 / (beta * max(float(np.abs(a).max()), 1e-300))
         return (
-            f"the friction of {name} (beta = {friction.beta:.4g}) changes its sign within {width:.1e} s at "
-            f"t = {t[k]:.4g} s, which no mesh resolves: use a smaller beta, at most about "
-            f"{1.0 / max(float(np.ptp(v)), 1e-300):.2g} here, or a path without this reversal"
+            f"the friction of {name} (beta = {friction.beta:.4g}) changes its sign within "
+            f"{width:.1e} s at t = {t[k]:.4g} s, which no mesh resolves: use a smaller beta, at "
+            f"most about {1.0 / max(float(np.ptp(v)), 1e-300):.2g} here, or a path without this "
+            "reversal"
         )
     return ""
 
 
 def _slopes(model: RobotModel) -> np.ndarray:
-    """Matrix (k, n_m + n_a) that takes the speeds of motors and joints to ``beta v`` of the frictions in motor torques.
+    """Matrix (k, n_m + n_a) from speeds to ``beta v`` of the frictions in motor torques.
 
     Those of the motors, and of joints with rigid gears.
     """
@@ -156,7 +164,10 @@ def _refine_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | N
 
 
 def _grade(t: np.ndarray) -> np.ndarray:
-    """Instants whose neighboring intervals differ by at most a factor of two, by halving the longer ones."""
+    """Instants whose neighboring intervals differ by at most a factor of two.
+
+    The longer intervals are halved.
+    """
     while True:
         h = np.diff(t)
         near = np.minimum(np.r_[np.inf, h[:-1]], np.r_[h[1:], np.inf])
@@ -213,7 +224,7 @@ def _sample_at(
 
 
 def _motor_residual(equations: Equations, motion: Motion) -> np.ndarray:
-    """What is missing in the torques of the motors (n, n_m) [N m], for the equations in which they stand."""
+    """Torques (n, n_m) [N m] that the motors lack, for the equations in which they stand."""
     model = equations.model
     rows = residual_at(equations, motion)
     missing = np.zeros_like(motion.tau_m)

@@ -63,7 +63,8 @@ NEAR = 100.0  # times the accuracy: an error of lq that a finer mesh may still r
 ENERGY = 1e-7
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
-# of the largest torque: estimated error of torques above which they are refused, although the tool follows
+# of the largest torque: estimated error of torques above which they are refused, although the tool
+# follows
 RIPPLE_MOST = 0.1
 TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
@@ -448,7 +449,7 @@ def _refine(  # noqa: C901
 
 
 def _friction_cause(problem: InversionProblem, solution: Solution) -> str:
-    """The friction that no mesh resolves, where that is why the equations do not hold between the samples."""
+    """The friction that no mesh resolves, where that is why the equations fail between samples."""
     if residual_is_small(solution):
         return ""
     from flexgen.inversion.reversals import unresolved_friction
@@ -463,10 +464,13 @@ def _refusal(problem: InversionProblem, worst: float, energy_error: float, cause
     more = f"; {cause}" if cause else ""
     if worst <= problem.accuracy:
         return (
-            "the equations of motion do not hold between the samples, and the feedback hides how far the tool is off"
-            f"{more}"
+            "the equations of motion do not hold between the samples, and the feedback hides how "
+            f"far the tool is off{more}"
         )
-    return f"verified error {worst:.2e} is above {problem.accuracy:.0e} [rad, and m for each meter of reach]{more}"
+    return (
+        f"verified error {worst:.2e} is above {problem.accuracy:.0e} "
+        f"[rad, and m for each meter of reach]{more}"
+    )
 
 
 def _estimate_ripple(solution: Solution) -> float:
@@ -478,7 +482,8 @@ def _estimate_ripple(solution: Solution) -> float:
 def _with_ripple(solution: Solution) -> Solution:
     """The verified solution, with a warning where the torque ripples between its samples.
 
-    "tolerance not met" where the ripple is a large part of the torque: the tool hardly follows it, but the motors do.
+    "tolerance not met" where the ripple is a large part of the torque: the tool hardly follows it,
+    but the motors do.
     """
     if solution.residual_relative <= RIPPLE and solution.details.get("converged", True):
         return solution
@@ -492,8 +497,8 @@ def _with_ripple(solution: Solution) -> Solution:
     if error is None or error <= RIPPLE_MOST or solution.details.get("converged", True):
         return noted
     cause = (
-        f"the motor torques ripple: about {error:.0%} of the largest one is an error of the mesh; try a finer --mesh, a "
-        "smoother move, or another --method"
+        f"the motor torques ripple: about {error:.0%} of the largest one is an error of the mesh; "
+        "try a finer --mesh, a smoother move, or another --method"
     )
     details = {**solution.details, "missed": cause, "cause": cause, "ripple": error}
     return replace(noted, status=Status.TOLERANCE_NOT_MET, details=details)
@@ -580,9 +585,10 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
 
 
 def make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
-    """The solution of a problem from the result of a method, not verified yet; SolverError where it is not finite.
+    """The solution of a problem from the result of a method, not verified yet.
 
-    Where its samples do not resolve the steps of the friction at reversals, it gets more samples there.
+    SolverError where it is not finite. Where its samples do not resolve the steps of the friction
+    at reversals, it gets more samples there.
     """
     check_time(f"residuals of method {method}")
     solution = _make_solution(problem, method, result)

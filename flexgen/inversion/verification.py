@@ -34,7 +34,8 @@ class Verification:
     defect : float [the same]
         What the residuals between the samples do to the output without feedback; infinite where it is not known.
     alone: float [the same]
-        Error of the simulation without feedback; infinite where there is none, or none that can be determined.
+        Error of the simulation without feedback; infinite where there is none, or none that can be
+        determined.
     """
 
     simulation: Simulation
@@ -72,7 +73,10 @@ def verify_by_simulation(
 
 
 def _size(errors: tuple[float | None, float | None], reach: float) -> float:
-    """The larger of a distance [m], for each meter of reach, and an angle [rad]; infinite where neither is known."""
+    """The larger of a distance [m], for each meter of reach, and an angle [rad].
+
+    Infinite where neither is known.
+    """
     in_m, in_rad = errors
     if in_m is None and in_rad is None:
         return np.inf

@@ -129,7 +129,7 @@ def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 def _check_needed(model: RobotModel, chosen: set[str]) -> None:
-    """ArgumentError for a number of a friction that has no effect, as ``coulomb`` where ``beta`` is 0."""
+    """ArgumentError for a number of a friction that has no effect: ``coulomb`` with ``beta`` 0."""
     parts = [(motor.name, motor.friction) for motor in model.motors]
     parts += [(c.name, c.dof.friction) for c in model.coordinates if c.dof is not None]
     for part, friction in parts:
@@ -139,8 +139,9 @@ def _check_needed(model: RobotModel, chosen: set[str]) -> None:
             for needed in key.metadata["needs"].split():
                 if getattr(friction, needed) == 0.0 and f"{part}.{needed}" not in chosen:
                     raise ArgumentError(
-                        f"parameters: given {part}.{key.name} of a friction with {needed} = 0, expected {needed} > 0 in "
-                        f"the model, or {part}.{needed} among the parameters: without it {key.name} has no effect"
+                        f"parameters: given {part}.{key.name} of a friction with {needed} = 0, "
+                        f"expected {needed} > 0 in the model, or {part}.{needed} among the "
+                        f"parameters: without it {key.name} has no effect"
                     )
 
 

@@ -75,9 +75,10 @@ def loaded_motors(model: Any) -> list[str]:
 
 
 def steepness(law: Friction) -> float:
-    """How fast a friction changes its sign with the speed [s/rad or s/m]: ``beta``, or ``alpha`` where it is larger.
+    """Steepness of a friction at rest [s/rad or s/m]: ``beta``, or ``alpha`` where it is larger.
 
-    0 for a law without such a part, and for laws of other packages without ``beta``.
+    Its sign changes with the speed within about 1/steepness. 0 for a law without such a part, and
+    for laws of other packages without ``beta``.
     """
     if not (law.coulomb or law.stribeck or getattr(law, "load_coulomb", 0.0)):
         return 0.0

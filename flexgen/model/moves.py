@@ -148,9 +148,10 @@ class Move:
       points;
     * ``"tool_polyline"``: ``legs``, a sequence of straight lines and arcs (`MoveL`, `MoveC`), with corners rounded
       within the ``zone`` of each leg;
-    * ``"sampled"``: a spline of ``degree`` through the samples in ``file``, or with ``smooth`` > 0 a smooth
-      spline that is at most so far from them [rad or m, as the columns]; ``start`` is only the initial guess of the
-      inverse kinematics, and not needed if the file contains joint positions;
+    * ``"sampled"``: a spline of ``degree`` through the samples in ``file``, or with ``smooth`` > 0
+      a smooth spline that is at most so far from them [rad or m, as the columns]; ``start`` is only
+      the initial guess of the inverse kinematics, and not needed if the file contains joint
+      positions;
     * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates [rad or m], or to the pose ``target``;
     * ``"output_line"``: the outputs move by ``displacement`` [their unit]; ``start`` is that of the joints.
 

@@ -1,7 +1,8 @@
-"""New model files that are written from an old one: relative paths, overlays, and the check of the text.
+"""New model files that are written from an old one: relative paths, overlays, checks.
 
-A model file names other files, those of sampled paths and its URDF file, relative to its own folder. A new file in
-another folder gets the paths from there. A robot that was read from a URDF file without an overlay gets an overlay.
+A model file names other files, those of sampled paths and its URDF file, relative to its own
+folder. A new file in another folder gets the paths from there. A robot that was read from a URDF
+file without an overlay gets an overlay.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from flexgen.spec.toml_lines import Path as KeyPath
 from flexgen.spec.toml_lines import Scanner
 from flexgen.spec.toml_text import toml
 
-# Name of the keys whose values are paths: of the samples of a move, and of the URDF file of an overlay.
+# Name of the keys whose values are paths: of the samples of a move, and of the URDF file of an
+# overlay.
 PATH_KEY = "file"
 
 
@@ -30,7 +32,8 @@ def text_of_model(model_file: str) -> tuple[str, Path]:
     Parameters
     ----------
     model_file : str
-        As in `RobotModel.file`: the path of a ``.toml`` file, or ``FILE.urdf#BASE:TIP``, whose text is an overlay.
+        As in `RobotModel.file`: the path of a ``.toml`` file, or ``FILE.urdf#BASE:TIP``, whose text
+        is an overlay.
 
     Raises
     ------
@@ -45,8 +48,9 @@ def text_of_model(model_file: str) -> tuple[str, Path]:
     path = Path(model_file or "")
     if not model_file or path.suffix != ".toml" or not path.is_file():
         raise ArgumentError(
-            f"model file: given a model of {model_file!r}, which is no .toml file, expected one that was read from a "
-            ".toml or a .urdf file; the numbers are in the values of the result and in --json"
+            f"model file: given a model of {model_file!r}, which is no .toml file, expected one "
+            "that was read from a .toml or a .urdf file; the numbers are in the values of the "
+            "result and in --json"
         )
     return path.read_text(encoding="utf-8"), path.parent
 
@@ -89,7 +93,7 @@ def _is_path(path: KeyPath, value: str) -> bool:
 
 
 def _from_folder(path: str, folder: str) -> str:
-    """A path relative to a folder; absolute where there is no way between them, as between disks."""
+    """A path relative to a folder; absolute where none leads there, as between disks."""
     try:
         relative = os.path.relpath(path, folder)
     except ValueError:

@@ -1,4 +1,7 @@
-"""Keys of the numbers of a robot in its overlay: where the file of a URDF robot states what a model file states."""
+"""Keys of the numbers of a robot in its overlay.
+
+The file of a URDF robot states there what a model file states.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,9 @@ def overlay_key(overlay: Mapping[str, Any], model: RobotModel, key: str) -> str:
     model : RobotModel
         That the overlay and its URDF file describe.
     key : str
-        In an ordinary model file: ``element.arm1.dof.q1.gear.damping`` is ``joint.q1.gear.damping`` in the overlay,
-        ``element.arm1.body.mass`` is ``link.arm1.body.mass``, and the motor of a table ``[joint.q1]`` is there.
+        In an ordinary model file: ``element.arm1.dof.q1.gear.damping`` is ``joint.q1.gear.damping``
+        in the overlay, ``element.arm1.body.mass`` is ``link.arm1.body.mass``, and the motor of a
+        table ``[joint.q1]`` is there.
 
     Returns
     -------
@@ -42,9 +46,10 @@ def overlay_key(overlay: Mapping[str, Any], model: RobotModel, key: str) -> str:
 
 
 def has_table(overlay: Mapping[str, Any], key: str) -> bool:
-    """Whether an overlay has the table, or the list, of a number: a table with this number alone would hide others.
+    """Whether an overlay has the table, or the list, of a number.
 
-    A motor that the overlay has may get a friction: the URDF file states that of joints only.
+    A table with this number alone would hide others. A motor that the overlay has may get a
+    friction: the URDF file states that of joints only.
     """
     here: Any = overlay
     words = key.split(".")
@@ -59,7 +64,10 @@ def has_table(overlay: Mapping[str, Any], key: str) -> bool:
 
 
 def _of_motor(overlay: Mapping[str, Any], model: RobotModel, name: str, rest: str) -> str:
-    """The key of a number of a motor in the table of its joint; empty where it has a table of its own."""
+    """The key of a number of a motor in the table of its joint.
+
+    Empty where it has a table of its own.
+    """
     if any(motor.get("name") == name for motor in overlay.get("motor", ())):
         return ""
     row = [motor.name for motor in model.motors].index(name)
@@ -69,7 +77,10 @@ def _of_motor(overlay: Mapping[str, Any], model: RobotModel, name: str, rest: st
 
 
 def _in_urdf(overlay: Mapping[str, Any], kind: str, name: str) -> str:
-    """The name of a joint or link in the URDF file, which the key ``rename`` of the overlay may have changed."""
+    """The name of a joint or link in the URDF file.
+
+    The key ``rename`` of the overlay may have changed it.
+    """
     tables = overlay.get(kind, {})
     renamed = [old for old, table in tables.items() if table.get("rename") == name]
     return str(renamed[0]) if renamed else name

@@ -525,7 +525,7 @@ class Urdf:
 
 
 def _switch(joint: Joint) -> str:
-    """What an overlay can say where a limit is wrong."""
+    """Key of an overlay that switches a wrong limit off, for a message."""
     return f"(or in the overlay: [joint.{bare(joint.name)}] limits = false)"
 
 

@@ -113,7 +113,7 @@ class Motions:
 
 
 def _lock(joint: Joint) -> str:
-    """What an overlay can say instead."""
+    """Key of an overlay that locks the joint instead, for a message."""
     return f"(or in the overlay: [urdf] lock = {{ {bare(joint.name)} = 0.0 }})"
 
 

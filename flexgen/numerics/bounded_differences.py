@@ -2,14 +2,14 @@
 
     min x'H x/2 + g'x,    |D_n x| <= b_n,    D_n: differences of order n = 1, 2
 
-H is banded and positive definite. Solved by Mehrotra's interior point method. With D = (D_n/b_n), the slacks s and the
-multipliers z of both sides, and W = z_u/s_u + z_l/s_l, a step solves
+H is banded and positive definite. Solved by Mehrotra's interior point method. With D = (D_n/b_n),
+the slacks s and the multipliers z of both sides, and W = z_u/s_u + z_l/s_l, a step solves
 
     [H  D'; D  -W^-1] (dx, dy) = (r, -W^-1 e)
 
-The unknowns in the order of the samples give a banded matrix. The smaller one, H + D'W D, is worse: W becomes so large
-that its sum with H loses H. First-order methods (OSQP) need thousands of steps for second differences, since bounds of
-the acceleration are 1e-4 of the samples.
+The unknowns in the order of the samples give a banded matrix. The smaller one, H + D'W D, is worse:
+W becomes so large that its sum with H loses H. First-order methods (OSQP) need thousands of steps
+for second differences, since bounds of the acceleration are 1e-4 of the samples.
 
 Source: S. Mehrotra, SIAM Journal on Optimization 2 (4), 1992.
 """
@@ -26,9 +26,11 @@ from scipy.sparse import csc_matrix, csr_matrix, diags_array, vstack
 DIFFERENCES = {1: [-1.0, 1.0], 2: [1.0, -2.0, 1.0]}
 # 12 to 22 are usual.
 STEPS = 60
-# Complementarity relative to the largest entry of g, at which a search ends; 1e-15 leaves errors of 1e-7 of x.
+# Complementarity relative to the largest entry of g, at which a search ends; 1e-15 leaves errors of
+# 1e-7 of x.
 ENDED = 1e-18
-# Residual of the conditions of optimality, relative to the largest entry of g, of a solution; 1e-10 is usual at most.
+# Residual of the conditions of optimality, relative to the largest entry of g, of a solution; 1e-10
+# is usual at most.
 SOLVED = 1e-8
 # Relative excess of a bound that stays: rounding of differences that are 1e-7 of the samples.
 EXCESS = 5e-10
@@ -71,7 +73,7 @@ class _Program:
         )
 
     def factorize(self, W: np.ndarray) -> _Solve | None:
-        """Solution (dx, dy) of the equations of a step, as a function of both parts of the right side."""
+        """Solution (dx, dy) of the equations of a step, a function of both right sides."""
         k = len(self.g)
         bands = self.bands.copy(order="F")
         bands[2 * self.width, self.place[k:]] = -1.0 / W
@@ -115,7 +117,7 @@ def _longest(value: np.ndarray, step: np.ndarray) -> float:
 
 @dataclass
 class _Equations:
-    """Equations of a step at a point, factorized: gradient, residual of the slacks, and the solution."""
+    """Equations of a step at a point, factorized: gradient, residual of the slacks, solution."""
 
     at: _Point
     gradient: np.ndarray
@@ -126,8 +128,8 @@ class _Equations:
     def step(self, p: _Program, goal: np.ndarray | float) -> _Point:
         """Step to s z = goal, to first order.
 
-        z = goal/s loses all digits at an active bound, where s is small: there the multiplier follows from dy, and s
-        from it.
+        z = goal/s loses all digits at an active bound, where s is small: there the multiplier
+        follows from dy, and s from it.
         """
         s, z = self.at.s, self.at.z
         c = goal - s * z
@@ -187,8 +189,9 @@ def solve_bounded_differences(
 
     Notes
     -----
-    The bounds hold to ``EXCESS``: x = 0 keeps them, so that a factor removes more than that. The conditions of optimality
-    of the result are checked: the residual of the gradient, and complementarity.
+    The bounds hold to ``EXCESS``: x = 0 keeps them, so that a factor removes more than that. The
+    conditions of optimality of the result are checked: the residual of the gradient, and
+    complementarity.
     """
     kept = {n: np.asarray(bound, float) for n, bound in bounds.items()}
     if not all(np.isfinite(b).all() and (b > 0.0).all() for b in kept.values()):

@@ -1,4 +1,4 @@
-"""What records say about themselves: lost samples, transients that have not decayed.
+"""Faults that records show: lost samples, transients that have not decayed.
 
 A transient is in the first period more than in the later ones, noise is in all alike: with the spectra ``X_p`` of the
 periods, ``E_p = sum |X_{p+1} - X_p|^2`` is the same for all p up to its scatter, and ``E_1`` larger with a transient.

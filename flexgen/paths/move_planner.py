@@ -268,7 +268,7 @@ class _Planner:
         return ""
 
     def _plan_samples(self) -> list[TimedSegment]:
-        """The path through the samples of a file, from turn to turn; sets the joints at the start."""
+        """Path through the samples of a file, from turn to turn; sets the joints at the start."""
         from flexgen.paths.sample_angles import with_angles
         from flexgen.paths.sample_files import read_samples
         from flexgen.paths.spline import SplineCurve, turns_of
@@ -321,7 +321,10 @@ class _Planner:
         return self._there_and_back(samples.space, curves)
 
     def _there_and_back(self, space: str, curves: Sequence[SplineCurve]) -> list[TimedSegment]:
-        """Curves from turn to turn, with a stop at each; in a given duration with equal largest accelerations."""
+        """Curves from turn to turn, with a stop at each.
+
+        In a given duration they have equal largest accelerations.
+        """
         roots = np.sqrt([curve.length for curve in curves])
         segments: list[TimedSegment] = []
         start = 0.0

@@ -102,7 +102,7 @@ class Path(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on samples of the path: their deviation, their noise, kinks, and motion at their ends."""
+        """Sentences on samples of the path: deviation, noise, kinks, and motion at their ends."""
         lines = (line for segment in self.segments for line in getattr(segment.curve, "notes", ()))
         return tuple(dict.fromkeys(lines))
 

@@ -26,7 +26,8 @@ LINES_MAX = 2 * ROWS_MAX  # including comments and empty lines
 UNIT = 1e-3  # largest deviation of a quaternion's norm from 1
 ROTATION_MAX = np.pi / 2  # rad from one sample to the next
 LARGEST = 1e9
-# Shortest step of t or u over the median of the steps: below it, the spline through both rows swings.
+# Shortest step of t or u over the median of the steps: below it, the spline through both rows
+# swings.
 SHORTEST = 1e-4
 
 POSITION = ("x", "y", "z")
@@ -181,7 +182,10 @@ class _File:
         return dict(zip(names, table.T, strict=True)), np.array(lines, dtype=int)
 
     def _unit(self, line: int, label: str) -> tuple[str, float]:
-        """The name of a column and the factor of its unit: ``x_mm``, ``q1_deg``, ``t [ms]``; 1 without a unit."""
+        """The name of a column and the factor of its unit: ``x_mm``, ``q1_deg``, ``t [ms]``.
+
+        The factor is 1 without a unit.
+        """
         units = self.units
         found = _WITH_UNIT.match(label)
         if label in units or found is None or found["name"] not in units:
@@ -248,12 +252,14 @@ class _File:
 def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     """Read a file of samples of a path.
 
-    A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets. Optional: ``t``
-    (time [s], increasing) or ``u`` (an increasing parameter). Then either ``x, y, z`` [m, world axes] (``p``), or the
-    names of the actuated coordinates [rad or m] (``q_g``), or ``y1, y2, ...`` (``y``), the outputs. With positions
-    optionally the orientation as ``qw, qx, qy, qz`` (``quaternion``), ``rx, ry, rz`` [rad] (``rotation_vector``) or
-    ``roll, pitch, yaw`` [rad] (``rpy``: about the fixed x, y and z axes, in this order), or ``angle`` [rad] of an
-    output with it. A column of a ``.csv`` file may state its unit: ``x_mm``, ``q1_deg``, ``yaw_deg``, ``t [ms]``.
+    A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets.
+    Optional: ``t`` (time [s], increasing) or ``u`` (an increasing parameter). Then either
+    ``x, y, z`` [m, world axes] (``p``), or the names of the actuated coordinates [rad or m]
+    (``q_g``), or ``y1, y2, ...`` (``y``), the outputs. With positions optionally the orientation as
+    ``qw, qx, qy, qz`` (``quaternion``), ``rx, ry, rz`` [rad] (``rotation_vector``) or
+    ``roll, pitch, yaw`` [rad] (``rpy``: about the fixed x, y and z axes, in this order), or
+    ``angle`` [rad] of an output with it. A column of a ``.csv`` file may state its unit: ``x_mm``,
+    ``q1_deg``, ``yaw_deg``, ``t [ms]``.
 
     Parameters
     ----------
@@ -371,15 +377,16 @@ def _knots(file: _File, joints: tuple[str, ...]) -> tuple[np.ndarray | None, boo
         file.fail(
             int(file.lines[i]),
             given[0],
-            f"a step of {steps[i - 1]:.3g} from the row before, where the others are about {np.median(steps):.3g}",
-            f"steps of at least {SHORTEST:g} of the others: a spline through rows that are nearly at the same {given[0]} "
-            "swings without bound; remove one of the two rows",
+            f"a step of {steps[i - 1]:.3g} from the row before, where the others are about "
+            f"{np.median(steps):.3g}",
+            f"steps of at least {SHORTEST:g} of the others: a spline through rows that are nearly "
+            f"at the same {given[0]} swings without bound; remove one of the two rows",
         )
     return knots, given[0] == "t"
 
 
 def _quaternions_of(angles: np.ndarray) -> np.ndarray:
-    """Quaternions (n, 4) of rotations about the fixed x, y and z axes by these angles (n, 3) [rad]."""
+    """Quaternions (n, 4) of rotations about the fixed x, y and z axes by angles (n, 3) [rad]."""
     half = angles[:, :, None] / 2
     turns = [
         np.concatenate([np.cos(half[:, k]), np.sin(half[:, k]) * np.eye(3)[k]], axis=1)[:, :, None]

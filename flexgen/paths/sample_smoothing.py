@@ -1,15 +1,17 @@
 """Smoothing of the samples of a path, and the noise in their second derivative.
 
-A spline of degree p through samples has the derivatives of their errors too: an error of 1e-4 rad every 10 ms is 4 rad/s^2
-(root mean square of the second derivative of white noise, pi^2/sqrt(5) times the error over the step squared). The smooth
-path is a spline of least squares that is nowhere farther from the samples than stated; its knots are at samples, equally
-many between two of them, and so many that it predicts samples best that are left out.
+A spline of degree p through samples has the derivatives of their errors too: an error of 1e-4 rad
+every 10 ms is 4 rad/s^2 (root mean square of the second derivative of white noise, pi^2/sqrt(5)
+times the error over the step squared). The smooth path is a spline of least squares that is nowhere
+farther from the samples than stated; its knots are at samples, equally many between two of them,
+and so many that it predicts samples best that are left out.
 
-Noise shows in the differences D^6 x of order 6, divided for steps that are not equal: of white noise neighbors have the
-correlation -6/7, of a motion that the samples resolve they have the same sign.
+Noise shows in the differences D^6 x of order 6, divided for steps that are not equal: of white
+noise neighbors have the correlation -6/7, of a motion that the samples resolve they have the same
+sign.
 
-Source: C. de Boor, A Practical Guide to Splines, 2001, ch. 14 (least squares by splines); P. Craven and G. Wahba,
-Numerische Mathematik 31, 1979 (generalized cross-validation).
+Source: C. de Boor, A Practical Guide to Splines, 2001, ch. 14 (least squares by splines); P. Craven
+and G. Wahba, Numerische Mathematik 31, 1979 (generalized cross-validation).
 """
 
 from __future__ import annotations
@@ -34,19 +36,23 @@ MOST_FITTED = 0.9
 NEARLY = 1.02
 # Samples for each knot from which a spline does not follow a single wrong sample.
 FAR_APART = 5
-# Order of the differences that show noise, and their correlation with the neighbor below which they are noise.
+# Order of the differences that show noise, and their correlation with the neighbor below which they
+# are noise.
 ORDER = 6
 ALTERNATING = -0.5
 # Largest error of white noise over its standard deviation, among some hundreds of samples.
 LARGEST_OF_NOISE = 4.0
-# Second derivative of the spline through the samples over that of the smooth path from which it is called noise.
+# Second derivative of the spline through the samples over that of the smooth path from which it is
+# called noise.
 NOISY = 1.1
 # Fewest samples in which noise is looked for.
 FEWEST = 20
-# Change of the direction [rad] from one sample to the next, and how many times those beside it, that is a kink.
+# Change of the direction [rad] from one sample to the next, and how many times those beside it,
+# that is a kink.
 KINK = 0.2
 KINK_OVER_OTHERS = 5.0
-# Decimals in which the rounding of samples is looked for, and the tolerance in units of the last one.
+# Decimals in which the rounding of samples is looked for, and the tolerance in units of the last
+# one.
 DECIMALS = range(9)
 ROUNDED = 1e-6
 
@@ -55,7 +61,8 @@ ROUNDED = 1e-6
 class SmoothSpline:
     """A spline of least squares, with its ``knots`` inner ones.
 
-    ``deviation``: the largest from the samples; ``mean_square``: the mean of the squares of all deviations.
+    ``deviation``: the largest from the samples; ``mean_square``: the mean of the squares of all
+    deviations.
     """
 
     spline: BSpline
@@ -105,9 +112,9 @@ def smooth_spline(
         count = max(count + 1, int(GROWTH * count))
     if not trials:
         raise ArgumentError(
-            f"smooth: given {largest:g}, but near sample {worst[1] + 1} a smooth path is {worst[0]:.3g} away from the "
-            "samples: a kink, a wrong sample, or samples that do not begin and end at rest; give a larger deviation, "
-            "or correct the samples there"
+            f"smooth: given {largest:g}, but near sample {worst[1] + 1} a smooth path is "
+            f"{worst[0]:.3g} away from the samples: a kink, a wrong sample, or samples that do not "
+            "begin and end at rest; give a larger deviation, or correct the samples there"
         )
     enough = NEARLY * min(trials, key=_score)[0]
     return next(trial for score, trial in trials if score <= enough)
@@ -120,7 +127,7 @@ def _score(trial: tuple[float, SmoothSpline]) -> float:
 def _least_squares(
     parameter: np.ndarray, values: np.ndarray, degree: int, count: int, angles: int, rest: bool
 ) -> tuple[SmoothSpline, int]:
-    """The spline with ``count`` inner knots, and the number of the sample that is farthest from it."""
+    """The spline with ``count`` inner knots, and the number of the sample farthest from it."""
     at = np.linspace(0, len(parameter) - 1, count + 2)[1:-1]
     inner = np.interp(at, np.arange(len(parameter)), parameter)
     ends = np.full(degree + 1, parameter[0]), np.full(degree + 1, parameter[-1])
@@ -145,7 +152,7 @@ def _least_squares(
 
 
 def noise_of(parameter: np.ndarray, x: np.ndarray) -> float:
-    """Standard deviation of the white noise in samples x (n,) of a smooth motion; 0 where they show none."""
+    """Standard deviation of the white noise in samples x (n,) of a smooth motion; 0: none."""
     if len(x) < FEWEST:
         return 0.0
     windows = np.lib.stride_tricks.sliding_window_view(parameter, ORDER + 1)
@@ -214,9 +221,10 @@ def _noise_text(
     if unit:
         cause = f"; rounding to {unit:g} alone gives {unit / np.sqrt(12):.2g}"
     return (
-        f"the second derivative of the samples of {name} is noise: up to {noisy:.3g} on the spline through them, "
-        f"{quiet:.3g} on a smooth path that is {largest:.2g} from them; errors of the samples of {sd:.2g} (or late "
-        f"times){cause}: set smooth = {_round_up(largest)} for this move"
+        f"the second derivative of the samples of {name} is noise: up to {noisy:.3g} on the spline "
+        f"through them, {quiet:.3g} on a smooth path that is {largest:.2g} from them; errors of "
+        f"the samples of {sd:.2g} (or late times){cause}: set smooth = {_round_up(largest)} for "
+        "this move"
     )
 
 
@@ -231,10 +239,11 @@ def _round_up(x: float) -> str:
 
 
 def kinks_of(parameter: np.ndarray, values: np.ndarray, timed: bool) -> list[tuple[int, float]]:
-    """Numbers of the samples at which the path has a kink, and the angle [rad] or the relative jump of the speed.
+    """Numbers of the samples at which the path has a kink, and the size of the kink.
 
-    Without times the direction changes from one sample to the next by more than `KINK`, and by `KINK_OVER_OTHERS`
-    times that of the samples beside it; with times the speed changes by such a part of its largest value.
+    The angle [rad], or the relative jump of the speed. Without times the direction changes from one
+    sample to the next by more than `KINK`, and by `KINK_OVER_OTHERS` times that of the samples
+    beside it; with times the speed changes by such a part of its largest value.
     """
     if len(values) < ORDER:
         return []

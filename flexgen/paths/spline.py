@@ -28,13 +28,19 @@ MIN_SPEED = 1e-3  # of the mean |dp/du|; below it arc length cannot be the param
 
 
 def lengths_of(samples: Samples) -> int:
-    """Number of the first columns that are lengths; those of a tool may have an angle [rad] after them."""
+    """Number of the first columns that are lengths.
+
+    Those of a tool may have an angle [rad] after them.
+    """
     width = samples.values.shape[1]
     return min(width, POSITION) if samples.space == "tool" else width
 
 
 def distances(samples: Samples, radius: float) -> np.ndarray:
-    """Sums (n,) of the distances from sample to sample [m]; a rotation by an angle counts as ``radius`` times it."""
+    """Sums (n,) of the distances from sample to sample [m].
+
+    A rotation by an angle counts as ``radius`` multiplied by it.
+    """
     steps = np.diff(samples.values, axis=0)
     lengths = lengths_of(samples)
     distance = np.linalg.norm(steps[:, :lengths], axis=1)
@@ -47,7 +53,10 @@ def distances(samples: Samples, radius: float) -> np.ndarray:
 
 
 def turns_of(samples: Samples, radius: float) -> list[int]:
-    """Numbers of the samples at which a path without times turns back: its direction changes by more than 90 deg."""
+    """Numbers of the samples at which a path without times turns back.
+
+    Its direction changes there by more than 90 deg.
+    """
     if samples.knots is not None:
         return []
     steps = np.diff(samples.values, axis=0)
@@ -60,8 +69,9 @@ def turns_of(samples: Samples, radius: float) -> list[int]:
 class SplineCurve:
     """The interpolating spline of odd ``degree`` through samples, or near them.
 
-    ``smooth`` > 0: the largest deviation from the samples, in the unit of each of their columns, of orientations as an
-    angle [rad]; see `flexgen.paths.sample_smoothing`. ``notes``: sentences on the samples, for a user.
+    ``smooth`` > 0: the largest deviation from the samples, in the unit of each of their columns, of
+    orientations as an angle [rad]; see `flexgen.paths.sample_smoothing`. ``notes``: sentences on
+    the samples, for a user.
 
     If the samples have times, the parameter is the time from 0, and the first ``(degree - 1)/2`` derivatives are zero
     at both ends: the path is at rest there. Otherwise the parameter is the arc length; if only the orientation changes,
@@ -103,8 +113,9 @@ class SplineCurve:
         if back.any() or not speeds.min() > MIN_SPEED * speeds.mean():
             at = min(int(np.argmax(back) if back.any() else np.argmin(speeds)) // 8, len(knots) - 1)
             raise ArgumentError(
-                f"samples: given a path that stops or reverses near sample {at + 1}{samples.line(at)}, expected one "
-                "that moves forward; to stop on the path, add a column t with the time of each sample"
+                "samples: given a path that stops or reverses near sample "
+                f"{at + 1}{samples.line(at)}, expected one that moves forward; to stop on the "
+                "path, add a column t with the time of each sample"
             )
         self.breaks = np.zeros(0)
         if self.smoothness < JET - 1:
@@ -131,13 +142,13 @@ class SplineCurve:
     def _notes(
         self, samples: Samples, knots: np.ndarray, spline: BSpline, smooth: float
     ) -> tuple[str, ...]:
-        """Sentences on samples that a path cannot follow as they are: in motion at an end, noise, kinks."""
+        """Sentences on samples that a path cannot follow: motion at an end, noise, kinks."""
         values, many = samples.values, len(samples.values) >= MANY
         notes = list(_in_motion(knots, values) if self.timed and many else ())
         if smooth:
             notes.append(
-                f"its path is at most {self.deviation:.2g} from the samples (smooth = {smooth:g}), with "
-                f"{self.inner_knots} knots"
+                f"its path is at most {self.deviation:.2g} from the samples (smooth = {smooth:g}), "
+                f"with {self.inner_knots} knots"
             )
             return tuple(notes)
         names = samples.names or tuple(f"column {k + 1}" for k in range(self.width))
@@ -152,9 +163,10 @@ class SplineCurve:
             )
             more = f", and at {len(kinks) - 1} more" if len(kinks) > 1 else ""
             notes.append(
-                f"its samples have a kink at sample {at + 1}{samples.line(at)}{more}: {what} from one sample to the "
-                "next, which no smooth path follows; the path swings about the samples there: round the corner in "
-                "the samples, or set smooth to the largest deviation that is allowed"
+                f"its samples have a kink at sample {at + 1}{samples.line(at)}{more}: {what} from "
+                "one sample to the next, which no smooth path follows; the path swings about the "
+                "samples there: round the corner in the samples, or set smooth to the largest "
+                "deviation that is allowed"
             )
         if many and not kinks:
             notes += noise_warnings(knots, values, spline, names, scale, self.timed)

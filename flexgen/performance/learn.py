@@ -227,7 +227,8 @@ def learn(
         As for `flexgen.control`; every iteration has other noise. Corrected paths are inverted with the model and the
         force of the solution.
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result has the iterations so far; its ``stopped`` says so. None or 0: unlimited.
+        Then, or after Ctrl-C, the result has the iterations so far; its ``stopped`` says so. None
+        or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -282,8 +283,15 @@ def learn(
     seen = _plain if channels is None else _Smoothed(case, channels, name)
     with limit_fit("learn", time_limit, tell):
         runs, corrections, best, stopped, shown = _iterate(
-            commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, tell
-        )  # fmt: skip
+            commanded,
+            lambda corrected: run_case(corrected, law, title),
+            seen,
+            name,
+            iterations,
+            gain,
+            low,
+            tell,
+        )
     return LearningResult(
         runs,
         corrections,

@@ -497,7 +497,8 @@ class _Estimate:
                 weight = prior * self._variance(r)
                 if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
                     raise SolverError(
-                        "load: the motion does not determine the mass; move the joints that carry the load"
+                        "load: the motion does not determine the mass; move the joints that carry "
+                        "the load"
                     )
                 A = J.T @ J + weight
                 step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)

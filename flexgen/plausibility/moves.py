@@ -98,7 +98,7 @@ class _Still:
         self.mass_matrix = equations.function("mass_matrix")
 
     def findings(self, key: str, q_g: np.ndarray) -> Iterator[Finding]:
-        """What has a worse mark at a pose of the move than before; else that nothing has."""
+        """Findings with a worse mark at a pose of the move than before; else that there is none."""
         kind, _, name = key.partition(".")
         robot, worst = self.equations.model, dict[tuple[str, str], Finding]()
         rows = np.linspace(0, len(q_g) - 1, min(POSES, len(q_g))).round().astype(int)
@@ -138,7 +138,7 @@ def _joints(equations: Equations, move: Move) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _changes(path: Path, speeds: list[np.ndarray]) -> np.ndarray:
-    """Largest change of each motor's speed in a sample of 1 ms in which it reverses, (n_m,) [rad/s]."""
+    """Largest speed change of each motor in a sample of 1 ms with a reversal, (n_m,) [rad/s]."""
     count = CHECKED if len(path.segments) == 1 else max(FEWEST, CHECKED // len(path.segments))
     times = [segment.instants(count) for segment in path.segments]
     largest = np.zeros(speeds[0].shape[1])
@@ -153,14 +153,15 @@ def _changes(path: Path, speeds: list[np.ndarray]) -> np.ndarray:
 
 
 def _reversals(robot: RobotModel, changes: np.ndarray) -> Iterator[Finding]:
-    """Whether the friction of each motor changes its sign within a sample, at the reversals of all moves."""
+    """Whether the friction of each motor changes its sign within a sample, at all reversals."""
     for motor, change in zip(robot.motors, changes, strict=True):
         beta = steepness(motor.friction)
         if not beta or not change:
             continue
         advice = (
-            f"beta at most {REVERSAL.high / change:.2g} s/rad for samples of 1 ms along these moves (1/beta is the speed "
-            "at which the friction is 76 % developed); or a controller that samples faster"
+            f"beta at most {REVERSAL.high / change:.2g} s/rad for samples of 1 ms along these "
+            "moves (1/beta is the speed at which the friction is 76 % developed); or a controller "
+            "that samples faster"
         )
         text = "beta times the change of the motor speed in 1 ms at a reversal of the moves"
         key = f"motor.{motor.name}.friction.beta"

@@ -32,10 +32,11 @@ JOINT_SPEED = Usual(0.05, 20.0, 1e-3, 1e3)  # rad/s
 JOINT_SPEED_TRANSLATION = Usual(0.01, 10.0, 1e-4, 100.0)  # m/s
 MOVE_SPEED = Usual(0.0, 50.0, 0.0, 1e3)  # rad/s
 MOVE_SPEED_TRANSLATION = Usual(0.0, 10.0, 0.0, 100.0)  # m/s
-# 1/s: how fast the friction of a motor at rest slows it down, beta coulomb / inertia; a simulation follows no faster
-# one than the largest
+# 1/s: how fast the friction of a motor at rest slows it down, beta coulomb / inertia; a simulation
+# follows no faster one than the largest
 HOLD = Usual(0.0, 1e6, 0.0, 1e9)
-# beta times the change of the motor speed in a sample of 1 ms at a reversal: above 5 the friction jumps between samples
+# beta times the change of the motor speed in a sample of 1 ms at a reversal: above 5 the friction
+# jumps between samples
 REVERSAL = Usual(0.0, 5.0)
 TORQUE = Usual(1.0, math.inf)  # of the largest motor torque to that of gravity at home
 DENSITY = Usual(1.0, math.inf, 0.1)  # inertia to that of a steel ball of the same mass
@@ -82,7 +83,7 @@ def _report_torque(motor: Motor, load: float, where: str) -> Iterator[Finding]:
 def report_still(
     robot: RobotModel, M: np.ndarray, rest: Equilibrium, where: str
 ) -> Iterator[Finding]:
-    """What depends on the pose: motors that hold the arm, and springs."""
+    """Findings that depend on the pose: motors that hold the arm, and springs."""
     for j, motor in enumerate(robot.motors):
         yield from _report_torque(motor, abs(float(rest.tau_m[j])), where)
     yield from springs(robot, M, rest, where)
@@ -122,12 +123,15 @@ def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -
 
 
 def _friction(motor: Motor) -> Iterator[Finding]:
-    """How fast a steep friction slows the motor down near rest."""
+    """Decay of the speed of the motor near rest, by a steep friction."""
     law = motor.friction
     level = law.coulomb + law.stribeck
     if not steepness(law) or motor.inertia == 0.0 or level == 0.0:
         return
-    advice = "beta in s/rad at the motor: the friction is fully developed above the speed 2/beta; or coulomb in N m"
+    advice = (
+        "beta in s/rad at the motor: the friction is fully developed above the speed 2/beta; or "
+        "coulomb in N m"
+    )
     text = "beta coulomb / inertia, the decay of its speed near rest"
     rate = steepness(law) * level / motor.inertia
     yield make_finding(f"motor.{motor.name}.friction.beta", text, rate, "1/s", HOLD, advice)

@@ -1,62 +1,72 @@
-"""Recordings of a real robot: read from files that a TOML file describes, checked, and turned into an experiment.
+"""Recordings of a real robot: files that a TOML file describes, as an experiment.
 
-    model = "bench.toml"                       as `flexgen.read` takes it; or a file next to this one
-    period_s = 1.0                             of the excitation
-    hold = "zoh"                               of the torques between samples: "zoh" or "none"
-    segment_s = 2.0                            instead of period_s, of a motion without period: of its segments
-    lines = "excited"                          or "odd", "all": which multiples of 1/period_s between f_min and f_max;
-                                               or line_numbers = [5, 7, 11]: these multiples
-    f_min = 1.0                                Hz, optional, of the lines; also f_max, default 0.45 of the sample rate
-    transients = 1                             periods of each file before those that count; delay_s: of the torques
+    model = "bench.toml"                 as `flexgen.read` takes it; or a file next to this one
+    period_s = 1.0                       of the excitation
+    hold = "zoh"                         of the torques between samples: "zoh" or "none"
+    segment_s = 2.0                      instead of period_s, of a motion without period: of its
+                                         segments
+    lines = "excited"                    or "odd", "all": which multiples of 1/period_s between
+                                         f_min and f_max; or line_numbers = [5, 7, 11]: these
+                                         multiples
+    f_min = 1.0                          Hz, optional, of the lines; also f_max, default 0.45 of the
+                                         sample rate
+    transients = 1                       periods of each file before those that count; delay_s: of
+                                         the torques
 
     [time]
-    name = "time"                              array of the file
-    unit = "us"                                s, ms, us, ns, min
+    name = "time"                        array of the file
+    unit = "us"                          s, ms, us, ns, min
 
-    [[torque]]                                 one for each motor
+    [[torque]]                           one for each motor
     motor = "m1"
     name = "iq"
-    unit = "A"                                 N m, N cm, kN m, ...; A, mA with constant [N m/A]
+    unit = "A"                           N m, N cm, kN m, ...; A, mA with constant [N m/A]
     constant = 0.1
-    side = "motor"                             of the gear: motor or arm
+    side = "motor"                       of the gear: motor or arm
 
     [[angle]]
     motor = "m1"
-    name = "theta"                             with index = 0: this row or column of an array with two dimensions
-    unit = "rad"                               rad, deg, mrad, rev, ...; arm side also m, mm
+    name = "theta"                       with index = 0: this row or column of an array with two
+                                         dimensions
+    unit = "rad"                         rad, deg, mrad, rev, ...; arm side also m, mm
     side = "motor"
-    offset = 0.0                               added to the recorded value, in its unit
-    scale = -1.0                               factor of the sum: -1 turns the sign; also of torques and signals
+    offset = 0.0                         added to the recorded value, in its unit
+    scale = -1.0                         factor of the sum: -1 turns the sign; also of torques and
+                                         signals
 
-    [[reference]]                              optional, one for each motor, keys as of [[angle]]: what a drive follows,
-    motor = "m1"                               for `refine`, and to find the excited lines
+    [[reference]]                        optional, one for each motor, keys as of [[angle]]: what a
+    motor = "m1"                         drive follows, for `refine`, and to find the excited lines
 
-    [drive]                                    optional, for `refine`: position and speed control, one number a motor:
-                                               k_v (w + k_i h sum w), w = k_p (r - q) + D (r - q),
-                                               D x = (x_k - x_(k-1))/h
-    position_gain = [8.0]                      1/s
-    speed_gain = [0.4]                         N m s/rad, motor side
-    integral_gain = [0.0]                      1/s, optional
-    low_pass = { frequency_hz = 400.0 }        optional, of the torque of the control; damping = 0.7
-    notch = { frequency_hz = 80.0 }            optional; zero_damping = 0.1, pole_damping = 0.7
-    encoder_noise_rad = 0.0                    optional, motor side: what moves the motors in addition to the reference
-    torque_noise_Nm = 0.0                      also encoder_resolution_rad
+    [drive]                              optional, for `refine`: position and speed control, one
+                                         number a motor:
+                                         k_v (w + k_i h sum w), w = k_p (r - q) + D (r - q),
+                                         D x = (x_k - x_(k-1))/h
+    position_gain = [8.0]                1/s
+    speed_gain = [0.4]                   N m s/rad, motor side
+    integral_gain = [0.0]                1/s, optional
+    low_pass = { frequency_hz = 400.0 }  optional, of the torque of the control; damping = 0.7
+    notch = { frequency_hz = 80.0 }      optional; zero_damping = 0.1, pole_damping = 0.7
+    encoder_noise_rad = 0.0              optional, motor side: what moves the motors in addition to
+                                         the reference
+    torque_noise_Nm = 0.0                also encoder_resolution_rad
 
-    [[signal]]                                 optional, one for each channel of the model's sensors
+    [[signal]]                           optional, one for each channel of the model's sensors
     sensor = "acc.x"
     name = "acc_x"
-    unit = "m/s^2"                             one of its kind, as in the model file
+    unit = "m/s^2"                       one of its kind, as in the model file
 
-    [[recording]]                              one for each file: .mat (version 5), .npz, or .csv with names in line 1
+    [[recording]]                        one for each file: .mat (version 5), .npz, or .csv with
+                                         names in line 1
     file = "run1.mat"
-    pose_rad = [0.0]                           joints; or pose_deg; for frequency responses
-    offset = { m1 = 0.1 }                      optional, in this file in addition: of angles, references and signals
+    pose_rad = [0.0]                     joints; or pose_deg; for frequency responses
+    offset = { m1 = 0.1 }                optional, in this file in addition: of angles, references
+                                         and signals
 
-Recordings with the same pose are experiments of one realization, in their order. Without period_s, segment_s and poses
-they are motions, for rigid bodies and for fits in the time domain. Instead of file, files =
-["fast.csv", "slow.csv"] have different channels; columns = ["t", "q1", ...] are the names of CSV
-files without a header; time = "t2" in a channel is another clock of the same unit. All keys:
-`flexgen.records.keys`.
+Recordings with the same pose are experiments of one realization, in their order. Without period_s,
+segment_s and poses they are motions, for rigid bodies and for fits in the time domain. Instead of
+file, files = ["fast.csv", "slow.csv"] have different channels; columns = ["t", "q1", ...] are the
+names of CSV files without a header; time = "t2" in a channel is another clock of the same unit. All
+keys: `flexgen.records.keys`.
 
 Jitter, unequal steps, empty cells and several rates become equal steps, see
 `flexgen.numerics.sampling`; motions are split at gaps, periodic recordings with one are refused.
@@ -105,7 +115,10 @@ SIZE_MAX = 2_000_000_000  # bytes of a file
 
 @dataclass(frozen=True)
 class _Channel:
-    """An array of the files: motor or sensor channel, name in the files, and what makes motor-side SI units of it."""
+    """An array of the files: motor or sensor channel, name in the files.
+
+    With the factors that make motor-side SI units of it.
+    """
 
     of: str
     name: str
@@ -354,10 +367,10 @@ def _channel(table: Table, of: str, factor: float) -> _Channel:
 class Recording:
     """One file, or files of one clock, checked; at equal steps the first piece before a gap.
 
-    ``t`` (n,) [s]; ``tau_m``, ``q_m`` (n, n_m), motor side [N m], [rad]; ``signals`` (n, channels), SI units;
-    ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s]; ``gaps``; ``resampled``:
-    whether values are interpolated; ``rests``: of each torque, angle and signal, why it is none, or
-    empty; ``notes``.
+    ``t`` (n,) [s]; ``tau_m``, ``q_m`` (n, n_m), motor side [N m], [rad]; ``signals`` (n, channels),
+    SI units; ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s]; ``gaps``;
+    ``resampled``: whether values are interpolated; ``rests``: of each torque, angle and signal, why
+    it is none, or empty; ``notes``.
     """
 
     def __init__(
@@ -463,7 +476,8 @@ class Recording:
             or x.size != max(x.shape)
         ):
             raise ArgumentError(
-                f"{self.file}: channel {channel.name!r}: given shape {x.shape}, expected numbers (n,)"
+                f"{self.file}: channel {channel.name!r}: given shape {x.shape}, expected numbers "
+                "(n,)"
             )
         x = x.ravel().astype(float)
         bad = np.flatnonzero(~np.isfinite(x.filled(0.0)))
@@ -478,8 +492,8 @@ class Recording:
         assert channel.index is not None
         if x.ndim != 2 or channel.index >= min(x.shape):
             raise ArgumentError(
-                f"{self.file}: channel {channel.name!r}: given shape {x.shape}, expected two dimensions and more than "
-                f"{channel.index} channels"
+                f"{self.file}: channel {channel.name!r}: given shape {x.shape}, expected two "
+                f"dimensions and more than {channel.index} channels"
             )
         return x[channel.index] if x.shape[0] <= x.shape[1] else x[:, channel.index]
 

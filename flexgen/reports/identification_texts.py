@@ -94,7 +94,10 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
 
 
 def grade_table(found: IdentificationResult) -> str:
-    """Errors of the torques of the model and misfits of the elements in bands of frequency; empty without a grade."""
+    """Errors of the torques of the model and misfits of the elements in bands of frequency.
+
+    Empty without a grade.
+    """
     if found.grade is None:
         return ""
     rows = []

@@ -148,7 +148,8 @@ def _search(
                 break
             check_time("identify_servo")
             tell(
-                f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles unexplained"
+                f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles "
+                "unexplained"
             )
             tried = fit.within(p + _change(fit, p, e, J, weight))
             found = fit.run(tried)

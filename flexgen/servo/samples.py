@@ -56,7 +56,7 @@ def fit_samples(B: csc_matrix, r: np.ndarray) -> np.ndarray:
 def fit_within(
     B: csc_matrix, r: np.ndarray, period: float, limits: tuple[np.ndarray | None, np.ndarray | None]
 ) -> np.ndarray:
-    """Samples of joints (k, n_g) within bounds of speed and acceleration, (n_g,) each; None: no bound.
+    """Samples of joints (k, n_g) within bounds of speed and acceleration (n_g,); None: no bound.
 
     Raises
     ------

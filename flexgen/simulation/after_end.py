@@ -3,8 +3,8 @@
     x(t) = x_e + d(t),     d' = A d + f(x_e, u_e),     d(0) = 0
 
 A robot without brakes rests in an unstable equilibrium: the remaining motion grows. The prediction holds as long as the
-deviations are small. Frictions and gears with a state are simulated instead: their bristles creep and give way, which no
-linearization about one state shows.
+deviations are small. Frictions and gears with a state are simulated instead: their bristles creep
+and give way, which no linearization about one state shows.
 """
 
 from __future__ import annotations
@@ -39,7 +39,10 @@ def errors_after_end(found: Run, end: float, held: float) -> np.ndarray:
 
 
 def simulate_after_end(found: Run, end: float, held: float) -> np.ndarray:
-    """The same by simulation of the nonlinear equations; as predicted where an integrator does not follow them."""
+    """The remaining motion by simulation of the nonlinear equations.
+
+    As predicted where an integrator does not follow them.
+    """
     if found.tolerances is None or held >= AFTER:
         return errors_after_end(found, end, held)
     t = end + np.linspace(0.0, AFTER - held, STEPS + 1)

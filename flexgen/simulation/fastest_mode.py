@@ -1,4 +1,4 @@
-"""The fastest mode of a robot at a state: what limits the steps of an integrator, and its place in the model."""
+"""The fastest mode of a robot at a state, which limits the steps of an integrator."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import steepness
 
-# Ratio of the steps of an explicit method to those of an oscillation, which an implicit one needs too: at most.
+# Ratio of the steps of an explicit method to those of an oscillation, which an implicit one needs
+# too: at most.
 BESIDE = 30.0
 
 
@@ -30,9 +31,10 @@ class Mode:
 
 
 def fastest_mode(model: RobotModel, A: np.ndarray) -> Mode:
-    """The mode with the largest eigenvalue of ``A`` (2n, 2n), of the states q_a, q_me and their speeds.
+    """The mode with the largest eigenvalue of ``A`` (2n, 2n), of q_a, q_me and their speeds.
 
-    An oscillation that is up to `BESIDE` times slower comes first: it keeps the steps of every method short.
+    An oscillation that is up to `BESIDE` times slower comes first: it keeps the steps of every
+    method short.
     """
     n = model.dof
     values, vectors = np.linalg.eig(A[: 2 * n, : 2 * n])
@@ -49,12 +51,12 @@ def fastest_mode(model: RobotModel, A: np.ndarray) -> Mode:
 
 
 def mode_text(model: RobotModel, mode: Mode) -> str:
-    """What the fastest mode is, and which number of the model to change."""
+    """The fastest mode in words, and the number of the model to change."""
     if mode.oscillates:
         frequency = abs(mode.value) / (2 * np.pi)
         return (
-            f"the fastest mode oscillates at {frequency:.3g} Hz ({mode.place}); use a softer spring, a larger inertia, or "
-            'a rigid gear: gear = { type = "rigid" }'
+            f"the fastest mode oscillates at {frequency:.3g} Hz ({mode.place}); use a softer "
+            'spring, a larger inertia, or a rigid gear: gear = { type = "rigid" }'
         )
     frictions = {f"motor {motor.name}": motor.friction for motor in model.motors}
     for j, i in enumerate(model.i_g):
@@ -70,8 +72,12 @@ def mode_text(model: RobotModel, mode: Mode) -> str:
     friction = frictions.get(mode.place)
     rate = f"{abs(mode.value):.3g} 1/s"
     if friction is None or not steepness(friction):
-        return f"the fastest mode decays with {rate} ({mode.place}); check its damping, friction and inertia"
+        return (
+            f"the fastest mode decays with {rate} ({mode.place}); check its damping, friction and "
+            "inertia"
+        )
     return (
-        f"near rest the friction of {mode.place} slows it down with {rate}; use a smaller beta (given {friction.beta:.4g}: "
-        f"fully developed above a speed of {2 / friction.beta:.2g}), or a larger inertia"
+        f"near rest the friction of {mode.place} slows it down with {rate}; use a smaller beta "
+        f"(given {friction.beta:.4g}: fully developed above a speed of {2 / friction.beta:.2g}), "
+        "or a larger inertia"
     )

@@ -145,7 +145,8 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
 def _samples_of_harmonics(model: RobotModel, q_m: np.ndarray) -> np.ndarray:
     """Samples between which the fastest Fourier sum of a motor angle turns by at most `PHASE`.
 
-    The stiffness of cogging changes its sign twice in each turn, and a coarser grid has that of single instants.
+    The stiffness of cogging changes its sign twice in each turn, and a coarser grid has that of
+    single instants.
     """
     turned = np.abs(np.diff(q_m, axis=0)) * highest_harmonics(model)
     phase = np.concatenate([[0.0], turned.max(axis=1, initial=0.0).cumsum()])

@@ -2,10 +2,11 @@
 
 The explicit Runge-Kutta method of order 8 needs steps as short as the fastest decaying part, also where that part has
 decayed long ago: sharp friction of a light rotor makes it take millions of evaluations. Where it needs more than `RATE`
-evaluations for each second of motion and `EACH` for each instant, and the fastest mode decays, LSODA continues from the
-state that was reached; it changes by itself between Adams methods and backward differentiation formulas, whose steps
-follow the motion alone. Where the fastest mode oscillates, as with a very stiff gear without damping, it does not decay,
-and the explicit method stays.
+evaluations for each second of motion and `EACH` for each instant, and the fastest mode decays,
+LSODA continues from the state that was reached; it changes by itself between Adams methods and
+backward differentiation formulas, whose steps follow the motion alone. Where the fastest mode
+oscillates, as with a very stiff gear without damping, it does not decay, and the explicit method
+stays.
 
 With a C compiler the explicit method and the right-hand side run in C, else in scipy and CasADi; the steps are the
 same.
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 # a few minutes of the explicit method; a long motion may take LONG each second
 EVALUATIONS = 5_000_000
 LONG = 3e5
-# evaluations for each radian of the fastest mode where that oscillates: the explicit method follows it with twenty. It
-# needs more where its errors of rounding are above the tolerance
+# evaluations for each radian of the fastest mode where that oscillates: the explicit method follows
+# it with twenty. It needs more where its errors of rounding are above the tolerance
 EACH_TURN = 400.0
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
 # for each instant, where the torque has another piece: not stiff below it (a step takes twelve)
@@ -48,7 +49,8 @@ RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves f
 EVALUATIONS_STIFF = 400_000  # about a minute of the implicit method
 # least part of the motion within this number of evaluations of the implicit method
 ADVANCE, PATIENCE = 1e-3, 100_000
-# 1/s: a mode that decays faster has a step below 1e-9 s in a motion of seconds, where rounding ends the implicit method
+# 1/s: a mode that decays faster has a step below 1e-9 s in a motion of seconds, where rounding ends
+# the implicit method
 FASTEST = 1e9
 # 1/s: the implicit method takes minutes for each second of a faster oscillation
 FASTEST_TURN = 1e4
@@ -61,8 +63,8 @@ class Rates:
 
     ``rate(t, x)`` and ``jacobian(t, x)``: (n,) and (n, n), the rows and columns of the observers zero in the latter.
     ``compiled``: the rate of the robot in C, a function of state and torque; None: there is no compiler. ``given``:
-    u(t). ``feedback``: motor feedback, whose integrals come last in the state; None: open loop. ``model``: the robot,
-    for reasons that name its parts.
+    u(t). ``feedback``: motor feedback, whose integrals come last in the state; None: open loop.
+    ``model``: the robot, for reasons that name its parts.
     """
 
     rate: Callable[[float, np.ndarray], np.ndarray]
@@ -82,7 +84,7 @@ class Rates:
         return fastest_mode(self.model, A) if np.isfinite(A).all() else None
 
     def why(self, t: float, x: np.ndarray) -> str:
-        """What makes the steps of an integrator short at a state."""
+        """Reason why the steps of an integrator are short at a state; empty: not known."""
         from flexgen.simulation.fastest_mode import mode_text
 
         mode = self.fastest(t, x)
@@ -219,9 +221,9 @@ def integrate(
         if evaluations > most:
             why = loop.why(solver.t, solver.y)
             raise SolverError(
-                f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {evaluations} evaluations"
-                f"{': ' * bool(why)}{why}; check the units of the trajectory, and the numbers of the model with "
-                "'flexgen check' (flexgen.check)"
+                f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {evaluations} "
+                f"evaluations{': ' * bool(why)}{why}; check the units of the trajectory, and the "
+                "numbers of the model with 'flexgen check' (flexgen.check)"
             )
         if progress is not None and time.perf_counter() - reported > 1.0:
             reported = time.perf_counter()
@@ -234,7 +236,10 @@ def integrate(
 def _explicit(
     loop: Rates, t: np.ndarray, k: int, start: np.ndarray, tolerances: tuple[float, np.ndarray]
 ) -> _Solver:
-    """The explicit method from ``start`` at ``t[0]``; the other instants of ``t`` are the results from row k on."""
+    """The explicit method from ``start`` at ``t[0]``.
+
+    The other instants of ``t`` are the results from row k on.
+    """
     rtol, atol = tolerances
     if loop.compiled is None:
         given = np.r_[np.full(k, t[0]), t[1:]]
@@ -254,9 +259,10 @@ def _implicit(
 
 
 def _oscillation(loop: Rates, solver: _Solver, fast: float) -> float:
-    """Evaluations a second [1/s] that the explicit method may need to follow the fastest mode; 0 where that decays.
+    """Evaluations a second [1/s] that the explicit method may need to follow the fastest mode.
 
-    ``fast``: those that it has needed. SolverError where it follows no fast mode, and none follows a faster decay.
+    0 where that mode decays. ``fast``: those that it has needed. SolverError where it follows no
+    fast mode, and none follows a faster decay.
     """
     mode = loop.fastest(solver.t, solver.y)
     if mode is None:

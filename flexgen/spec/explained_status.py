@@ -7,11 +7,13 @@ from typing import Self
 
 from flexgen.deadline import INTERRUPTED, TIME_LIMIT
 
-# Members of the statuses of fits, for searches that were ended from outside: value, sentence, advice.
+# Members of the statuses of fits, for searches that were ended from outside:
+# value, sentence, advice.
 OUT_OF_TIME = (
     TIME_LIMIT,
     "The time limit ended the search; the values are those of its best step.",
-    "Allow more with --time-limit SECONDS (time_limit=), begin nearer to the robot, or fit fewer numbers.",
+    "Allow more with --time-limit SECONDS (time_limit=), begin nearer to the robot, or fit fewer "
+    "numbers.",
 )
 STOPPED = (
     INTERRUPTED,

@@ -109,15 +109,16 @@ class Friction:
     offset: float = friction_key("N m", "constant torque against positive motion", signed=True)
 
     def __post_init__(self) -> None:
-        """ArgumentError for a number that has no effect without another one, as ``coulomb`` without ``beta``."""
+        """ArgumentError for a number without effect, as ``coulomb`` without ``beta``."""
         for key in fields(self):
             for needed in key.metadata.get("needs", "").split():
                 if _is_zero(getattr(self, needed)) and not _is_zero(
                     value := getattr(self, key.name)
                 ):
                     raise ArgumentError(
-                        f"friction: given {key.name} = {value} with {needed} = 0, expected {needed} > 0 together with "
-                        f"{key.name}: without it the friction has no effect"
+                        f"friction: given {key.name} = {value} with {needed} = 0, expected "
+                        f"{needed} > 0 together with {key.name}: without it the friction has no "
+                        "effect"
                     )
 
     def viscous_at(self, temperature: float) -> float:

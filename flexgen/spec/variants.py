@@ -46,7 +46,10 @@ def add_variant(
 def with_variant(
     text: str, file: str, name: str, changes: Mapping[str, Any], description: str, base: str = ""
 ) -> str:
-    """The text of a model file with a further variant; ``file``: its name for messages; else as `add_variant`."""
+    """The text of a model file with a further variant.
+
+    ``file``: its name for messages; else as `add_variant`.
+    """
     variants = tomllib.loads(text).get("variant", {})
     if not text or name in variants:
         raise _refusal(f"{file}, which has a variant {name!r}")
@@ -61,6 +64,6 @@ def with_variant(
 
 def _refusal(given: str) -> ArgumentError:
     return ArgumentError(
-        f"write: given a model of {given}, expected one of a .toml file without that variant; the numbers are in "
-        "the result and in --json"
+        f"write: given a model of {given}, expected one of a .toml file without that variant; the "
+        "numbers are in the result and in --json"
     )

@@ -490,7 +490,7 @@ def _largest_inertia(robot: RobotModel) -> np.ndarray:
 
 
 def _suspicions(table: DhTable) -> list[str]:
-    """What in the table looks like a mistake."""
+    """Probable mistakes in the table."""
     found = []
     likely = likely_convention(table.joints)
     if likely and likely != table.convention:

@@ -328,7 +328,7 @@ class _Reader:
         )
 
     def check_rows(self, table: DhTable) -> None:
-        """What concerns whole rows and the whole table."""
+        """Check whole rows and the whole table."""
         for row in table.rows:
             for name in REQUIRED:
                 if name not in row:
@@ -409,7 +409,7 @@ def scale(text: str, factor: float) -> float:
 
 
 def _problem(column: Column, value: float) -> str:
-    """What a number of the column must be; empty: it is."""
+    """Numbers that the column allows, where it does not allow this one; else empty."""
     if value and not SMALLEST <= abs(value) <= LARGEST:
         return "a number of magnitude 1e-18 to 1e12 in SI units, or 0"
     if column.not_zero and value == 0.0:

@@ -1,4 +1,4 @@
-"""What an overlay must say so that a URDF file can be read: all of it at once, each with a note.
+"""Keys of an overlay with which a URDF file can be read: all at once, each with a note.
 
 The URDF file is not changed. What no key of an overlay repairs is collected too, and reported in
 one message.
@@ -396,7 +396,7 @@ def _closest_body(stated: Stated) -> Inertial:
 
 
 def _try(read: Callable[[], _T]) -> _T | ModelError:
-    """What a function returns, or the error that it raises."""
+    """Result of a function, or the error that it raises."""
     try:
         return read()
     except ModelError as error:

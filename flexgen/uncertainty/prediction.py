@@ -103,8 +103,8 @@ def predict(
             solution = solve(equations, move, progress=progress)
         if solution.status not in USABLE:
             raise ArgumentError(
-                f"predict: given a solution with the status {solution.status}, expected one that is solved: only then are "
-                "its errors those of the robot"
+                f"predict: given a solution with the status {solution.status}, expected one that "
+                "is solved: only then are its errors those of the robot"
             )
         tell("linearizing along the motion")
         along = linearize(equations, solution.trajectory, sources)

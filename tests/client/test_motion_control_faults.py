@@ -1,6 +1,7 @@
-"""The controller of examples/motion_control under faults of encoders, time, drives, limits and its planner.
+"""The controller of examples/motion_control under faults of its plant and its planner.
 
-The plant has brakes that act 50 ms after the flag of the controller. Each fault begins at 20 phases of the program. The
+The faults are those of encoders, time, drives and limits, and of the planner. The plant has brakes
+that act 50 ms after the flag of the controller. Each fault begins at 20 phases of the program. The
 figures are those of the plant: speeds of its motors, not those that the controller measures.
 """
 
@@ -86,8 +87,9 @@ MORE = {
     "planner reference": {BAD_REFERENCE},
     "k min": {MISSED_CYCLES},
 }
-# Larger speeds, and their reason: a force that lasts moves motors that cannot hold it until the brakes act. 1000 N are
-# 1.3 times the torque limit of motor 2 of planar5_nmp, 0.8 m away. The wrist of manutec_r3_24 is pushed with 150 N.
+# Larger speeds, and their reason: a force that lasts moves motors that cannot hold it until the
+# brakes act. 1000 N are 1.3 times the torque limit of motor 2 of planar5_nmp, 0.8 m away. The wrist
+# of manutec_r3_24 is pushed with 150 N.
 PUSHED = {"planar5_nmp": 1.25, "manutec_r3_24": 1.5}
 PUSH = {"planar5_nmp": "1000.0", "manutec_r3_24": "150.0"}
 
@@ -109,7 +111,10 @@ class Row:
 
 
 def compiled(folder: Path, name: str, changes: tuple[tuple[str, str, str], ...] = ()) -> Path:
-    """The program of the faults with the controller of the example, or with changes: file, text, new text."""
+    """The program of the faults with the controller of the example, or with changes.
+
+    A change: file, text, new text.
+    """
     example = folder / "example"
     shutil.copytree(EXAMPLE.with_suffix(""), example / "motion_control")
     for file, old, new in changes:
@@ -151,7 +156,7 @@ def rows(program: Path, *words: str) -> list[Row]:
 
 
 def complaints(found: list[Row], speeds: dict[str, float]) -> list[str]:
-    """What is wrong with a controller that had these faults."""
+    """Errors of a controller that had these faults."""
     out = []
     for row in found:
         at = f"{row.name}, phase {row.phase}: "
@@ -183,11 +188,21 @@ def check_faults(name: str, program: Path) -> None:
 
 
 def check_no_fault(program: Path) -> None:
-    """Torque 5 % off, friction, noise, a load of 3 kg, a push of 100 N, and all of them: two thirds of each limit."""
+    """Two thirds of each limit hold without a fault.
+
+    Torque 5 % off, friction, noise, a load of 3 kg, a push of 100 N, and all of them.
+    """
     lines = [line.split(",") for line in answer(program, "no fault").splitlines()]
     assert [line[0] for line in lines] == [
-        "as the model", "torque 0.95", "torque 1.05", "friction", "noise", "3 kg", "push 100 N", "all",
-    ]  # fmt: skip
+        "as the model",
+        "torque 0.95",
+        "torque 1.05",
+        "friction",
+        "noise",
+        "3 kg",
+        "push 100 N",
+        "all",
+    ]
     for name, status, *shares in lines:
         assert status == "0", name
         # following errors, sudden torque, residual; speed: the limit is 1.1 times the largest
@@ -237,7 +252,10 @@ def test_planted_mistakes_are_found(
 
 
 def test_limits_are_those_of_the_model_files_and_of_the_programs() -> None:
-    """Each motor has limits of torque, speed and residual; the model file's torque limit, where it states any."""
+    """Each motor has limits of torque, speed and residual.
+
+    The torque limit is that of the model file, where it states any.
+    """
     for name in PROGRAMS:
         text = (EXAMPLE.with_suffix("") / name / "robot.h").read_text(encoding="ascii")
         motors = flexgen.read(name).motors

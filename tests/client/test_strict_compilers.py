@@ -52,7 +52,7 @@ def where(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def warnings(words: list[str], files: list[Path], folder: Path) -> list[str]:
-    """What a compiler says about sources, each compiled alone."""
+    """Messages of a compiler about sources, each compiled alone."""
 
     def said(number: int) -> str:
         output = f"{number}.o"

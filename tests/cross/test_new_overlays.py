@@ -1,4 +1,4 @@
-"""What `flexgen new --urdf` writes, against Pinocchio: files with drawn faults, and real ones."""
+"""Overlays of `flexgen new --urdf` against Pinocchio: files with drawn faults, and real ones."""
 
 from __future__ import annotations
 

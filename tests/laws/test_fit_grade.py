@@ -1,4 +1,7 @@
-"""The grade of an identification: errors of the torques of feedforward against closed forms, with planted errors."""
+"""The grade of an identification: errors of the feedforward against closed forms.
+
+Planted errors show that each law catches one.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ J, LOAD, STIFFNESS, DAMPING = 4e-3, 1e-2, 30.0, 0.02
 
 
 def two_masses(load: float, w: np.ndarray) -> np.ndarray:
-    """Motor acceleration over torque of two masses with a spring: the textbook transfer function."""
+    """Motor acceleration over torque of two masses with a spring, as in a textbook."""
     s = 1j * w
     spring = DAMPING * s + STIFFNESS
     return (
@@ -46,7 +49,7 @@ def measured() -> flexgen.Frf:
 def test_the_error_below_the_resonance_is_that_of_the_whole_inertia(
     measured: flexgen.Frf, factor: float
 ) -> None:
-    """Far below the spring's frequency torques are (J + load) a: e = load (factor - 1)/(J + load)."""
+    """Far below the resonance torques are (J + load) a: e = load (factor - 1)/(J + load)."""
     locked = float(np.sqrt(STIFFNESS / LOAD) / (2 * np.pi))
     w = 2 * np.pi * locked * np.geomspace(0.02, 0.1, 12)
     data = responses(two_masses(LOAD, w), w, measured)
@@ -58,7 +61,10 @@ def test_the_error_below_the_resonance_is_that_of_the_whole_inertia(
 
 
 def test_nonsense_reads_otherwise_than_a_missing_friction(measured: flexgen.Frf) -> None:
-    """Responses of the other sign are twice as wrong as no feedforward, a tenth of the inertia is good enough."""
+    """Responses of the other sign are twice as wrong as no feedforward.
+
+    A tenth of the inertia is good enough.
+    """
     right = measured.G
     near = grade(measured, right / 1.1, 9.0)
     assert near.good and "good enough for feedforward: yes" in near.sentence

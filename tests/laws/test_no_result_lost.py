@@ -1,7 +1,8 @@
 """No result of a fit is lost: every verb that fits, times every way to lose its result.
 
-The verbs are those of the verb table that read a measurement; one that is new and not in `FITS` fails the first test.
-Each runs as a user runs it, in a process of its own, which counts the steps of its search on standard error.
+The verbs are those of the verb table that read a measurement; one that is new and not in `FITS`
+fails the first test. Each runs as a user runs it, in a process of its own, which counts the steps
+of its search on standard error.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ pytestmark = needs_compiler
 
 # Names of positional arguments that are measurements.
 MEASUREMENTS = {"data", "poses", "record", "recordings"}
-# The command line in a process that tells of the first step of a search, and then meets with `EVENT`.
+# The command line in a process that tells of the first step of a search, and then meets with
+# `EVENT`.
 SCRIPT = """
 import os, signal, sys, time, types
 import flexgen.deadline as deadline
@@ -51,7 +53,10 @@ sys.exit(main(sys.argv[1:]))
 
 @dataclass(frozen=True)
 class Fit:
-    """A form of a verb that fits: the model, its further words, the ending of its file, the variant it writes."""
+    """A form of a verb that fits.
+
+    The model, its further words, the ending of its file, the variant it writes.
+    """
 
     verb: str
     model: str
@@ -120,7 +125,10 @@ def verbs_that_fit() -> set[str]:
 
 
 def sources(folder: Path) -> None:
-    """An arm as a model file with a sampled move, and as an overlay of a URDF file, with paths relative to both."""
+    """An arm as a model file with a sampled move, and as an overlay of a URDF file.
+
+    Paths are relative to both.
+    """
     assert main(["new", "pl", "--out", str(folder / "pl.toml"), "-q"]) == 0
     text = (folder / "pl.toml").read_text()
     tracker = '\n[[sensor]]\nname = "p"\ntype = "tracker"\nunit = "m"\n'
@@ -196,7 +204,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @dataclass(frozen=True)
 class Ran:
-    """How a verb ended."""
+    """End of a verb: exit status and its texts."""
 
     code: int
     out: str

@@ -1,4 +1,7 @@
-"""Paths through recorded samples: analytic paths, rounded, stamped late or with kinks, against their closed-form torques."""
+"""Paths through recorded samples of analytic paths, against their closed-form torques.
+
+Samples are rounded, stamped late or with kinks.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +83,7 @@ def test_a_smooth_path_has_the_second_derivative_of_the_analytic_one(name: str) 
 
 @pytest.mark.parametrize("digits", [2, 3, 4, 5])
 def test_the_noise_of_rounding_is_its_closed_form(digits: int) -> None:
-    """The standard deviation of rounding is the unit over sqrt(12); of a smooth path there is none."""
+    """The standard deviation of rounding is the unit over sqrt(12); a smooth path has none."""
     fast = 0.7 * np.sin(np.linspace(0.0, 40.0, 4000))
     t = np.arange(4000.0)
     assert noise_of(t, np.round(fast, digits)) == pytest.approx(
@@ -118,7 +121,10 @@ def test_noise_is_named_with_its_figures_and_what_to_do(name: str, tmp_path: Fil
 
 
 def test_torques_of_a_smooth_path_are_those_of_the_analytic_path(tmp_path: FilePath) -> None:
-    """Of the elastic arm, whose torques depend on the fourth derivative, too; the spline through the samples fails."""
+    """Torques of the elastic arm too, which depend on the fourth derivative.
+
+    The spline through the samples fails.
+    """
     robot = flexgen.read("planar5_nmp")
     (t, x), smooth = CASES["rounded to 1e-4"]
     exact = write(tmp_path / "a.csv", {"t": TIME, "q1": law(TIME)[0], "q2": 0 * TIME - 1.0})
@@ -137,7 +143,10 @@ def test_torques_of_a_smooth_path_are_those_of_the_analytic_path(tmp_path: FileP
 
 
 def test_a_planted_spline_through_the_samples_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the score of samples that are left out, the most knots are best, and have the noise of the samples."""
+    """Without the score of samples that are left out, the most knots are best.
+
+    They have the noise of the samples.
+    """
     monkeypatch.setattr(sample_smoothing, "MOST_FITTED", 0.0)
     monkeypatch.setattr(sample_smoothing, "NEARLY", 1.0)
     (t, x), smooth = CASES["rounded to 1e-4"]
@@ -189,7 +198,7 @@ def test_rows_at_nearly_the_same_time_are_refused_by_row(
 
 
 def test_units_and_euler_angles_are_those_of_their_columns(tmp_path: FilePath) -> None:
-    """In mm, deg and ms; orientations as roll, pitch and yaw about fixed axes, against scipy's rotations."""
+    """Units mm, deg and ms; orientations as roll, pitch and yaw, against scipy's rotations."""
     from scipy.spatial.transform import Rotation
 
     planar = flexgen.read("planar5_nmp")
@@ -219,7 +228,7 @@ def test_units_and_euler_angles_are_those_of_their_columns(tmp_path: FilePath) -
     "profile", [(), pytest.param((0.5, 4.0, 40.0, 400.0), marks=pytest.mark.slow)]
 )
 def test_out_and_back_stops_at_each_turn(profile: tuple[float, ...], tmp_path: FilePath) -> None:
-    """Samples without times that go out, back and out again: at rest at the two turns, on the samples."""
+    """Samples without times that go out, back and out again rest at the two turns."""
     robot = flexgen.derive("planar5_nmp")
     way = np.concatenate(
         [np.linspace(0.0, 0.4, 21), np.linspace(0.38, 0.1, 15), np.linspace(0.12, 0.5, 20)]

@@ -101,7 +101,7 @@ def error_of(
 
 
 def test_the_mesh_resolves_the_torques_of_a_path_from_a_file(robot, monkeypatch):
-    """Planted: the first mesh is kept, on which the tool follows as well: it is refused with its error."""
+    """Planted: the first mesh is kept, on which the tool follows as well; its error refuses it."""
     error, solution = error_of(robot)
     assert error < ALLOWED and solution.details["converged"] and not solution.warnings
     monkeypatch.setattr(lq, "PARTS", ())

@@ -1,7 +1,8 @@
-"""Six-axis arms with steep friction in their motors: of the template, and of tables of Denavit and Hartenberg.
+"""Six-axis arms with steep friction in their motors, of the template and of tables.
 
-`arm` draws one of them, `moves_of` ten moves of it: polylines, circles, lines and joint moves, all with motors that
-reverse. The numbers are those of no particular robot: masses, stiffnesses and rotors are scaled with the arm's size.
+The tables are those of Denavit and Hartenberg. `arm` draws one of them, `moves_of` ten moves of it:
+polylines, circles, lines and joint moves, all with motors that reverse. The numbers are those of no
+particular robot: masses, stiffnesses and rotors are scaled with the arm's size.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ TORQUES = (28, 28, 16, 5, 5, 4)
 
 
 def arm(number: int, folder: str) -> RobotModel:
-    """The arm of a number from 0 to `ARMS` - 1; even ones are of the template, odd ones of tables."""
+    """The arm of a number from 0 to `ARMS` - 1: even ones of the template, odd ones of tables."""
     rng = np.random.default_rng(number)
     text = new_model(f"arm_{number}", "six-axis") if number % 2 == 0 else _of_table(number, rng)
     file = f"{folder}/arm_{number}.toml"

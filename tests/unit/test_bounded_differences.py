@@ -1,4 +1,4 @@
-"""Quadratic programs with bounded differences, against OSQP with polishing and the conditions of optimality."""
+"""Quadratic programs with bounded differences, against OSQP and optimality conditions."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ from flexgen.numerics.bounded_differences import DIFFERENCES, solve_bounded_diff
 from flexgen.servo.samples import basis, fit_samples, fit_within
 
 PERIOD = 4e-3
-# Of each bound, of the largest speed and acceleration of the samples without bounds; None: no bound.
+# Of each bound, of the largest speed and acceleration of the samples without bounds; None: no
+# bound.
 SHARES = [(0.9, None), (0.5, None), (None, 0.9), (None, 0.02), (0.9, 0.9)]
 Reference = tuple[csc_matrix, np.ndarray]
 
 
 def point_to_point(n: int = 600) -> Reference:
-    """Interpolation and reference (8 n + 1, 1) of a move of 48 rad in half of n periods, at rest before and after."""
+    """Interpolation and reference (8 n + 1, 1) of a move of 48 rad in half of n periods.
+
+    At rest before and after.
+    """
     instants = PERIOD / 8 * np.arange(8 * n + 1)
     s = np.clip((instants / (PERIOD * n) - 0.25) * 2.0, 0.0, 1.0)
     r = 48.0 * (s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3))[:, None]

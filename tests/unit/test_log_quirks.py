@@ -75,7 +75,7 @@ def by_table(style: str) -> Callable[[Path, Log, bool], Found]:
 
 
 def by_trajectory(folder: Path, log: Log, named: bool) -> Found:
-    """The same of a trajectory in memory, whose channels have one rate and labels."""
+    """The reader of a trajectory in memory, whose channels have one rate and labels."""
     if not log.header or np.isnan(log.values).any():
         pytest.skip("a trajectory has labels, and one rate")
     order = [k - 3 for k in log.order if k >= 3]  # of the torques

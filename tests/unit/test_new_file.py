@@ -1,4 +1,4 @@
-"""New model files from old ones: relative paths from another folder, numbers in overlays and of plain URDF files."""
+"""New model files from old ones: relative paths, numbers in overlays and of URDF files."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ def test_paths_lead_to_their_files_through_a_linked_folder(tmp_path: Path) -> No
 def test_a_planted_path_of_the_old_folder_is_seen(tmp_path: Path) -> None:
     """Without the change of the paths the new file is refused, and nothing is written."""
     text = (flexgen.model.reader.packaged_models() / "elbow.toml").read_text()
-    move = '\n[[move]]\nname = "t"\ntype = "sampled"\nfile = "none.csv"\nduration = 1.0\nsmoothness = 5\n'
+    move = '\n[[move]]\nname = "t"\ntype = "sampled"\nfile = "none.csv"\n'
+    move += "duration = 1.0\nsmoothness = 5\n"
     with pytest.raises(ModelError, match=r"none\.csv"):
         write_model_text(tmp_path / "new.toml", text + move, tmp_path)
     assert not (tmp_path / "new.toml").exists()

@@ -49,7 +49,8 @@ def test_columns_of_a_file_have_units_and_any_order(
         (f"\n{HEAD}\n\n", ": given a line of names only, expected a line for each pose"),
         (
             HEAD.replace("q2_deg", "q2"),
-            ":1: given no column of q2, expected one, q2_rad or q2_deg: the column 'q2' states no unit",
+            ":1: given no column of q2, expected one, q2_rad or q2_deg: the column 'q2' states no "
+            "unit",
         ),
         (f"{HEAD},q2_rad", ":1: given two columns of q2, expected one, q2_rad or q2_deg"),
         (

@@ -614,8 +614,8 @@ def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
         ),
         (
             {"tau_m": (np.zeros((3, 2)), ("m1", "m3"), "N m")},
-            "trajectory channel tau_m: given columns m1, m3, expected m1, m2; take the model that it "
-            "was written for",
+            "trajectory channel tau_m: given columns m1, m3, expected m1, m2; take the model that "
+            "it was written for",
         ),
         (
             {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "gon")},
@@ -624,8 +624,8 @@ def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
         ),
         (
             {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "rad or m")},
-            "trajectory channel q_m, column m1: given 'rad or m', an unknown unit, expected an angle "
-            "in rad, mrad, urad, deg, arcmin, rev",
+            "trajectory channel q_m, column m1: given 'rad or m', an unknown unit, expected an "
+            "angle in rad, mrad, urad, deg, arcmin, rev",
         ),
         (
             {"q_a": (np.full((3, 2), np.inf), ("q1", "q2"), "rad")},
@@ -633,8 +633,8 @@ def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
         ),
         (
             {"y_ref": (np.zeros((3, 2)), ("x", "y"), "m")},
-            "trajectory channel y_ref: given columns x, y, expected x, z; take the model that it was "
-            "written for",
+            "trajectory channel y_ref: given columns x, y, expected x, z; take the model that it "
+            "was written for",
         ),
         (
             {"y_ref": (np.full((3, 2), np.nan), ("x", "z"), "m")},

@@ -255,11 +255,12 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
     )
     words = (
         "load 1.500 +- 0.250 kg, center of mass x 10.0 +- 1.0 mm, y 20.0 +- 2.0 mm, z -30.0 +- 3.0 mm in the frame of "
-        "the last tip\nthis is the difference from the payload of the model file, 0.500 kg; total at "
-        "the tool 2.000 +- 0.250 kg, center of mass x 0.0 +- 1.0 mm, y 0.0 +- 1.0 mm, "
+        "the last tip\nthis is the difference from the payload of the model file, 0.500 kg; total "
+        "at the tool 2.000 +- 0.250 kg, center of mass x 0.0 +- 1.0 mm, y 0.0 +- 1.0 mm, "
         "z 0.0 +- 400.0 mm in the frame of the last tip\ninertia is not identified: the load is "
         "taken for a point mass, the inertia of the payload of the file stays, 0 kg m^2; of both "
-        "together 0 kg m^2\nfriction of the motors over that of the model: viscous 0.70, 1.00; other 1.20, 0.95"
+        "together 0 kg m^2\nfriction of the motors over that of the model: viscous 0.70, 1.00; "
+        "other 1.20, 0.95"
     )
     assert str(load) == words
     assert str(load.to_dict()["mass"]) == "1.5"

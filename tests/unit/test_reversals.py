@@ -1,4 +1,4 @@
-"""Reversals of motors with steep friction: samples that resolve them, true errors, reasons, and checks."""
+"""Reversals of motors with steep friction: samples, true errors, reasons, and checks."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_robots_without_steep_friction_keep_their_samples() -> None:
         assert np.ptp(np.diff(found.trajectory.time)) < 1e-9
 
 
-# --- searches and reasons --------------------------------------------------------------------------------------------
+# --- searches and reasons -------------------------------------------------------------------------
 
 
 def test_a_search_of_minutes_needs_something_to_gain(steep: Equations) -> None:
@@ -190,7 +190,7 @@ def test_check_compares_the_friction_with_the_change_of_speed_in_a_sample(
     )
 
 
-# --- Coulomb friction without beta -----------------------------------------------------------------------------------
+# --- Coulomb friction without beta ----------------------------------------------------------------
 
 
 def test_coulomb_friction_without_beta_is_an_error_everywhere(tmp_path: Path) -> None:
@@ -220,11 +220,14 @@ def test_the_steepness_of_a_law_is_that_of_its_fastest_part() -> None:
     assert steepness(Friction(stribeck=0.1, alpha=70.0, beta=5.0)) == 70.0
 
 
-# --- frictions with a state ------------------------------------------------------------------------------------------
+# --- frictions with a state -----------------------------------------------------------------------
 
 
 def test_the_error_two_seconds_after_the_end_is_that_of_a_simulation_with_bristles() -> None:
-    """Torques 0.1 % too large: the arm slides and sticks; the linearization is wrong by a factor of four."""
+    """Torques 0.1 % too large: the arm slides and sticks.
+
+    The linearization is wrong by a factor of four.
+    """
     from bristled import NUMBERS, bristled
 
     from flexgen.simulation import simulate as simulating

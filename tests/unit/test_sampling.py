@@ -78,7 +78,7 @@ def test_equal_steps_stay_bit_by_bit() -> None:
 
 @pytest.mark.parametrize("sd", [2e-5, 2e-4, 1e-3, 2e-3])
 def test_the_record_decides_whether_stamps_are_instants(sd: float) -> None:
-    """The same stamps once with samples at equal steps, once with samples at the stamps."""
+    """Equal stamps, once with samples at equal steps, once with samples at the stamps."""
     rng = np.random.default_rng(4)
     even = 8e-3 * np.arange(3000)
     stamps = even + np.clip(rng.normal(size=3000), -2, 2) * sd

@@ -62,7 +62,7 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
 
 
 def _write_references(plan: Any, folder: Path, after: dict[str, str]) -> Path:
-    """Write the references of each experiment of a plan; the folder, and ``after`` it their number."""
+    """Write the references of the experiments of a plan; the folder, and their number behind."""
     written = plan.write_references(folder)
     after["references"] = f", {len(written)} files of references"
     return folder
@@ -179,7 +179,10 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
 
 
 def _refine(found: Any, experiment: Any, time_limit: float | None, tell: Progress) -> Any:
-    """The fit refined by simulation and its validation; the fit as it was where the time is over before a step."""
+    """The fit refined by simulation and its validation.
+
+    The fit as it was where the time is over before a step.
+    """
     from flexgen.identification.fit_status import FitStatus
     from flexgen.identification.time_domain import refine_and_validate
 
@@ -192,7 +195,7 @@ def _refine(found: Any, experiment: Any, time_limit: float | None, tell: Progres
 
 
 def _check_out(args: Namespace, model: Any) -> None:
-    """Check before a fit that the new model file can be written with the numbers that are fitted."""
+    """Check before a fit that the new model file can be written with its numbers."""
     from flexgen.mechanics.parameters import has_group
 
     names = [name for name in args.free or () if has_group(model, name)]
@@ -302,7 +305,10 @@ def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str,
 
 
 def _files(found: Any, args: Namespace, usable: bool = True) -> dict[str, Writer]:
-    """What writes the new model file and the report, where they are asked for and the result is usable."""
+    """Functions that write the new model file and the report, where they are asked for.
+
+    None where the result is not usable.
+    """
     files: dict[str, Writer] = {}
     if args.out is not None and usable:
         files["model_file"] = partial(found.write, args.out)

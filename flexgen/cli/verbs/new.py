@@ -58,7 +58,7 @@ def _from_template(args: Namespace, path: Path, next_steps: str) -> VerbResult:
 
 
 def _about(made: DhModel) -> str:
-    """What to compare with the datasheet."""
+    """Text to compare with the datasheet."""
 
     def point(values: tuple[float, ...]) -> str:
         return ", ".join(f"{value:.6g}" for value in values) + " m"

@@ -119,7 +119,8 @@ def identify_bodies(
         judged on parts of the recordings that are left out in turn.
     counterbalance : mapping, optional
     time_limit : float, optional [s]
-        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or ``interrupted``.
+        Then, or after Ctrl-C, the result is the best step so far, with the status ``time limit`` or
+        ``interrupted``.
     progress : callable or bool, optional
     """
     data = read_description(recordings)
