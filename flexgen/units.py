@@ -104,7 +104,8 @@ def conversion(where: str, unit: str, si: str, constant: float | None = None) ->
     """
     own = CONSTANT.match(unit.strip())
     if own is not None:
-        unit, constant = own["current"], _constant(where, own["constant"])
+        unit = own["current"]
+        constant = _constant(where, own["constant"])
     factor = factor_of(unit, si)
     if factor is not None:
         return factor

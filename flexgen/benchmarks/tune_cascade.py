@@ -285,13 +285,15 @@ class _Search:
 
     def _poses(self) -> list[list[Any]]:
         """The linear models of each robot at its poses."""
-        run, found = self.start_run, []
+        run = self.start_run
+        found = []
         for robot in run.runs:
             found.append([loop.model for loop in run.loops(robot.name).values()])
         return found
 
     def _loops(self, cascade: Cascade) -> list[list[LoopAtPose]]:
-        hardware, late = self.case.hardware, self.start_run.loops()["begin"].late
+        hardware = self.case.hardware
+        late = self.start_run.loops()["begin"].late
         sample_s = hardware.sample_s
         linear = as_linear(cascade, sample_s, len(self.poses[0][0].C))
         assert linear is not None
@@ -353,7 +355,8 @@ class _Search:
         if missing == 0.0:
             value = self._simulate(cascade)
         if value < self.least:
-            self.best, self.least = cascade, value
+            self.best = cascade
+            self.least = value
         self.history.append(self.least)
         if self.tell is not None:
             shown = "none with the margins yet" if self.least >= REFUSED else f"{self.least:.3f}"

@@ -209,7 +209,8 @@ def fit(
             slopes = problem.slopes(x, rest, gap, scale)
             matrix = slopes.A + np.diag(problem.precision)
             before = problem.objective(x, gap, scale)
-            after, given = np.inf, damping
+            after = np.inf
+            given = damping
             while damping < MOST_DAMPING:
                 damped = matrix + damping * np.diag(np.diag(matrix))
                 try:
@@ -221,14 +222,17 @@ def fit(
                     after = np.inf
                 if after <= before:
                     break
-                damping, straight = 10.0 * damping, False
+                damping = 10.0 * damping
+                straight = False
             if not after <= before:
                 converged = True  # no step along the slope lowers the objective: rounding
                 break
             step = there - x
             planned = -(2.0 * slopes.whole @ step + step @ matrix @ step)
             straight = damping == given and before - after > AS_PLANNED * planned
-            x, (rest, gap, lengths), damping = there, trial, max(damping / 10.0, LEAST_DAMPING)
+            x = there
+            rest, gap, lengths = trial
+            damping = max(damping / 10.0, LEAST_DAMPING)
             if before - after < SMALL_GAIN * before + LEAST_GAIN:
                 converged = True
                 break

@@ -165,7 +165,8 @@ class StaticPoses:
             raise ArgumentError(
                 f"{source}: given an empty file, expected a line of names and a line for each pose"
             )
-        header, where = [name.strip() for name in rows[0][1]], f"{source}:1"
+        header = [name.strip() for name in rows[0][1]]
+        where = f"{source}:1"
         if all(is_number(name) for name in header):
             raise ArgumentError(
                 f"{where}: given numbers in the first line, expected the names of the columns"

@@ -232,7 +232,8 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
         result = result if result is not None and result.interrupted else None
         reached = "; the result is the best so far" if result is not None else ""
         unwritten = f"; {problem}" if result is not None and result.unwritten else ""
-        problem, status = f"interrupted{reached}{unwritten}", INTERRUPTED
+        problem = f"interrupted{reached}{unwritten}"
+        status = INTERRUPTED
     for warning in result.warnings if result is not None else ():
         messages.report(f"flexgen: warning: {warning}")
     if result is not None:

@@ -284,7 +284,8 @@ def _follow_joint(model: RobotModel, step: Step, dof: Dof) -> Step:
     The model has the offset in the pose of the joint. Without a URDF file the joint has no offset,
     and the limits are those that the other one gives it.
     """
-    (name, factor), source = dof.mimic[0], model.urdf_joints.get(dof.name)
+    name, factor = dof.mimic[0]
+    source = model.urdf_joints.get(dof.name)
     leader = next(c.dof for c in model.coordinates if c.name == name)
     assert leader is not None
     source = UrdfJoint(dof.name) if source is None else source
@@ -357,7 +358,8 @@ def _joint(
     parent: str,
     efforts: Mapping[str, float],
 ) -> None:
-    dof, mimic = step.dof, step.mimic
+    dof = step.dof
+    mimic = step.mimic
     turns = dof is not None and dof.type == "rotation"
     ends = (None, None) if dof is None else (dof.lower, dof.upper)
     if mimic is not None:

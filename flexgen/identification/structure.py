@@ -116,7 +116,8 @@ def structure(
         )
     with limit_fit("structure", time_limit, tell):
         now, changes = _search(robot, data, fixed, tell)
-        final, reason = now, reason_of_end()
+        final = now
+        reason = reason_of_end()
         if not reason:
             with keep_best():
                 final = identify(now.model, data, starts=1, progress=False)

@@ -38,7 +38,8 @@ class FewAxes:
     """The search for one robot; see `has_few_axes`."""
 
     def __init__(self, equations: Equations) -> None:
-        self.equations, self.model = equations, equations.model
+        self.equations = equations
+        self.model = equations.model
         if not has_few_axes(self.model):
             raise ArgumentError(
                 f"model {self.model.name}: expected an output of position and angle for all axes"
@@ -85,7 +86,8 @@ class FewAxes:
 
     def all_at(self, position: np.ndarray, R: np.ndarray) -> list[np.ndarray]:
         """Configurations (n_g,); rotations within half a turn of the middle of their limits."""
-        target, rng = self.target(position, R), np.random.default_rng(0)
+        target = self.target(position, R)
+        rng = np.random.default_rng(0)
         q = rng.uniform(self.low, self.high, (STARTS, len(self.i_g)))
         for _ in range(STEPS):
             error, J = self._errors(q, target)

@@ -189,7 +189,8 @@ def _of_few_axes(
         raise ArgumentError(
             f"sag: given for model {robot.name} with {robot.n_g} axes, expected an arm with six"
         )
-    search, home = FewAxes(derive(robot)), np.array(robot.home)
+    search = FewAxes(derive(robot))
+    home = np.array(robot.home)
     made = []
     for q in search.all_at(p, R):
         distance, branch = search.distance(q)

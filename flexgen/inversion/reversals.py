@@ -76,7 +76,8 @@ def unresolved_friction(equations: Equations, trajectory: Trajectory) -> str:
     limited = trajectory.meta.get("torque") == "limited"
     rows = np.abs(midpoint_residual(equations, motion_in(trajectory), limited))
     k = int(np.argmax((rows / np.maximum(rows.max(axis=0), 1e-300)).max(axis=1) * rows.max(axis=1)))
-    t, near = trajectory.time, slice(max(k - 1, 0), k + 3)
+    t = trajectory.time
+    near = slice(max(k - 1, 0), k + 3)
     parts = [
         (f"motor {m.name}", m.friction, trajectory["v_m"][near, j], trajectory["a_m"][near, j])
         for j, m in enumerate(model.motors)
@@ -131,7 +132,8 @@ def _refine_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | N
     """All instants with those around the reversals; None where there are none to add."""
     if not len(slopes):
         return None
-    t, motors = result.t, result.motors
+    t = result.t
+    motors = result.motors
     channels = {
         "q_a": result.q,
         "v_a": result.v,
@@ -145,7 +147,9 @@ def _refine_instants(result: MethodResult, slopes: np.ndarray) -> np.ndarray | N
         at = interpolate(t, channels, {}, instants)
         return np.hstack([at["v_m"], at["v_a"]]) @ slopes.T
 
-    left, right, added = t[:-1], t[1:], np.zeros(0)
+    left = t[:-1]
+    right = t[1:]
+    added = np.zeros(0)
     for _ in range(HALVINGS):
         middle = (left + right) / 2
         ends = [steep(left), steep(middle), steep(right)]
@@ -181,7 +185,8 @@ def _sample_at(
     equations: Equations, result: MethodResult, t: np.ndarray, force: ProcessForce | None
 ) -> MethodResult:
     """The result at more instants, the torques such that the equations of the motors hold there."""
-    old, motors = result.t, result.motors
+    old = result.t
+    motors = result.motors
     channels = {
         "q_a": result.q,
         "v_a": result.v,

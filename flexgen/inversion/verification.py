@@ -122,6 +122,7 @@ def path_distance(equations: Equations, solution: Solution, simulation: Simulati
     if equations.model.output.type == "combination":
         return None
     y = evaluate(equations.function("output"), simulation.trajectory["q_a"])[0]
-    path, columns = solution.trajectory["y_ref"], len(equations.model.output.axes)
+    path = solution.trajectory["y_ref"]
+    columns = len(equations.model.output.axes)
     y = y.reshape(-1, path.shape[1])[:, :columns]
     return float(distance_from_path(y, path[:, :columns]).max())

@@ -274,7 +274,8 @@ def loops_at(
 
     ``poses``: of a robot that differs from the model.
     """
-    poses, out = poses or PoseModels(model), []
+    poses = poses or PoseModels(model)
+    out = []
     late = [0] * model.n_m + [
         round(x.delay_s / sample_s) for x in model.sensors for _ in x.channels
     ]

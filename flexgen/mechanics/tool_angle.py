@@ -74,7 +74,8 @@ def plane_axes(output: Output) -> tuple[np.ndarray, np.ndarray]:
 
 def tool_angle(system: System) -> ToolAngle:
     """The `ToolAngle` of a model; ArgumentError where its reference is along the axis at home."""
-    chain, output = system.lagrangian.chain, system.model.output
+    chain = system.lagrangian.chain
+    output = system.model.output
     x, y = plane_axes(output)
     u = chain.tool.R[:, "xyz".index(output.reference)]
     c, s = ca.dot(ca.DM(x), u), ca.dot(ca.DM(y), u)

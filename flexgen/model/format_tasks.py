@@ -212,7 +212,8 @@ PROFILE = Key("profile", Type(read_profile, BOUNDS), _ALONG, default=())
 def _read_rotation(table: Table, key: Key, here: Context) -> Vector:
     """The rotation vector of a move of the tool [rad]."""
     only_of_a_pose(table, key, "rotation", here)
-    rotation, output = table.angles(key.name, (True,) * 3), here.of_file("output")
+    rotation = table.angles(key.name, (True,) * 3)
+    output = here.of_file("output")
     if output.has_angle and output.is_tilted_by(rotation):
         raise table.fail(
             table.unit_key(key.name),

@@ -69,7 +69,8 @@ def relocate(text: str, old: Path, new: Path) -> str:
     if here == there:
         return text
     text = text.replace("\r\n", "\n")
-    data, spans = tomllib.loads(text), Scanner(text).spans
+    data = tomllib.loads(text)
+    spans = Scanner(text).spans
     for path, (start, end) in sorted(spans.items(), key=lambda item: item[1], reverse=True):
         value = _value(data, path)
         if not (isinstance(value, str) and _is_path(path, value)):

@@ -306,7 +306,8 @@ class _Overlay:
 
     def _limit(self, segment: Segment) -> Limit | None:
         """Limits of the URDF file that nothing in the overlay replaces."""
-        joint, table = segment.joint, self.joints.get(segment.joint.name)
+        joint = segment.joint
+        table = self.joints.get(segment.joint.name)
         if not self._flag(table, "limits", self.limits):
             return None
         given = set() if table is None else set(table.entries)
@@ -326,7 +327,8 @@ class _Overlay:
 
     def _mimic(self, segment: Segment) -> Entry | None:
         """Factors of the coordinates that move a joint by a mechanism: those of the overlay, else of the URDF file."""
-        table, motion = self.joints.get(segment.joint.name), segment.motion
+        table = self.joints.get(segment.joint.name)
+        motion = segment.motion
         if table is not None and "mimic" in table:
             return table.entries["mimic"]
         if not motion.follows:
@@ -338,7 +340,8 @@ class _Overlay:
         """The joints of the URDF file by the names of their degrees of freedom."""
         out = {}
         for segment in chain.segments:
-            joint, limits = segment.joint, self.urdf.usable_limits(segment.joint)
+            joint = segment.joint
+            limits = self.urdf.usable_limits(segment.joint)
             out[self._find_name("joint", joint.name)] = UrdfJoint(
                 joint.name,
                 segment.motion.offset if segment.motion.follows else 0.0,

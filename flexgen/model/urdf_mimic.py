@@ -61,7 +61,9 @@ class Motions:
     def __init__(
         self, urdf: Urdf, locked: Mapping[str, float], tables: Mapping[str, Table] | None = None
     ) -> None:
-        self.urdf, self.locked, self.tables = urdf, locked, tables or {}
+        self.urdf = urdf
+        self.locked = locked
+        self.tables = tables or {}
         self._found: dict[str, Motion] = {}
 
     def __call__(self, joint: Joint) -> Motion:
@@ -86,7 +88,8 @@ class Motions:
 
     def _begin(self, joint: Joint) -> Motion | None:
         """The motion of a joint that needs no other one, or that is known; else None."""
-        line, table = joint.node.line, self.tables.get(joint.name)
+        line = joint.node.line
+        table = self.tables.get(joint.name)
         if joint.name in self._found:
             return self._found[joint.name]
         if joint.name in self.locked:

@@ -60,8 +60,11 @@ SAME_RATE = 1.3
 # Samples of a piece between gaps, at least.
 FEWEST = 16
 # Part of the changes of an angle that are in every m-th row, from which on it was sampled there
-# only; changes at least, and the largest m.
-REGULAR, CHANGES, LARGEST_RATIO = 0.99, 20, 64
+# only.
+REGULAR = 0.99
+# Fewest changes of an angle from which that is decided, and the largest m.
+CHANGES = 20
+LARGEST_RATIO = 64
 
 
 @dataclass(frozen=True)

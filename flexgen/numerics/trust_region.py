@@ -91,7 +91,8 @@ def minimize(
             if is_over():
                 break
             check_time("identify")
-            whole, matrix = g + weight * (x - center), A + np.diag(weight)
+            whole = g + weight * (x - center)
+            matrix = A + np.diag(weight)
             held = ((x <= lower) & (whole > 0)) | ((x >= upper) & (whole < 0))
             free = ~held
             if not free.any():
@@ -121,8 +122,9 @@ def minimize(
                     converged = gain <= 1e-9 * total  # rounding: nothing left to gain
                     break
                 continue
-            # at once: a search that ends in between keeps the step before
-            x, (value, g, A) = there, sums(there)
+            # the sums first: a search that ends in them keeps the step before
+            value, g, A = sums(there)
+            x = there
             total = objective(x, value)
             totals.append(total)
             if wrong := count is not None and value > WRONG * count and _gains_little(totals):

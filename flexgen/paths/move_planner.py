@@ -190,7 +190,8 @@ class _Planner:
             space, start, R = "output", self.reference.outputs(self.q_g), None
             segments = [Line(displacement, NO_ROTATION, largest=True)]
         else:
-            space, (start, R) = "tool", self.reference.tool_start(self.q_g)
+            space = "tool"
+            start, R = self.reference.tool_start(self.q_g)
             if move.type == "tool_polyline":
                 return "tool", *self._polyline(start, R, move.legs, move.radius)
             segments = [self._single()]

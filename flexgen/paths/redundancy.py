@@ -144,7 +144,8 @@ def _with_joints(follower: _Follower, segments: Sequence[TimedSegment]) -> Robot
     They are those that, in the middle of the path, move most in the motions of the joints at which
     the tool rests.
     """
-    model, i_g = follower.model, list(follower.model.i_g)
+    model = follower.model
+    i_g = list(follower.model.i_g)
     q = np.concatenate(
         [
             s.at(s.start + s.law.duration * np.linspace(0.0, 1.0, CHECKED))[0][:, :, 0]

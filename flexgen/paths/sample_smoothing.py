@@ -28,8 +28,10 @@ from flexgen.errors import ArgumentError
 
 # Factor by which the number of knots grows from trial to trial.
 GROWTH = 1.15
-# Samples for each knot, at least; and trials that are no better after which the search ends.
-LEAST_SAMPLES, NO_BETTER = 2, 6
+# Samples for each knot, at least.
+LEAST_SAMPLES = 2
+# Trials without an improvement after which the search ends.
+NO_BETTER = 6
 # Part of the samples that coefficients fit exactly, at most, in the score.
 MOST_FITTED = 0.9
 # A score that is so near to the best one, relative, is as good.
@@ -97,7 +99,9 @@ def smooth_spline(
     ArgumentError
         No spline that the samples determine is near enough; the message names the sample.
     """
-    n, count, since = len(parameter), 0, 0
+    n = len(parameter)
+    count = 0
+    since = 0
     trials: list[tuple[float, SmoothSpline]] = []
     worst = (np.inf, 0)
     while count <= (n - degree - 1) // LEAST_SAMPLES and since < NO_BETTER:

@@ -123,11 +123,14 @@ class SplineCurve:
 
     def _spline(self, knots: np.ndarray, both: np.ndarray, smooth: float) -> BSpline:
         """The spline through the samples, or near them; sets `deviation`."""
-        degree, self.deviation, self.inner_knots = self.degree, 0.0, 0
+        degree = self.degree
+        self.deviation = 0.0
+        self.inner_knots = 0
         if smooth:
             angles = both.shape[1] - self.width
             found = smooth_spline(knots, both, degree, smooth, angles, rest=self.timed)
-            self.deviation, self.inner_knots = found.deviation, found.knots
+            self.deviation = found.deviation
+            self.inner_knots = found.knots
             return found.spline
         if not self.timed and len(knots) <= degree:  # one polynomial, in the degree of the others
             polynomial = KroghInterpolator(knots, both)
@@ -143,7 +146,8 @@ class SplineCurve:
         self, samples: Samples, knots: np.ndarray, spline: BSpline, smooth: float
     ) -> tuple[str, ...]:
         """Sentences on samples that a path cannot follow: motion at an end, noise, kinks."""
-        values, many = samples.values, len(samples.values) >= MANY
+        values = samples.values
+        many = len(samples.values) >= MANY
         notes = list(_in_motion(knots, values) if self.timed and many else ())
         if smooth:
             notes.append(

@@ -486,7 +486,8 @@ class _Estimate:
                     break
                 tell(f"step {k + 1}: load {x[0] - own:.3f} kg")
                 began = time.perf_counter()
-                r, arm = residual(x), 1e-4 * length * max(x[0], unit)
+                r = residual(x)
+                arm = 1e-4 * length * max(x[0], unit)
                 steps = np.r_[
                     1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)
                 ]
@@ -504,8 +505,10 @@ class _Estimate:
                 step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
                 # steps that turn back are too long
                 part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)
-                before, x = x, x + part * step
-                x[0], last = max(x[0], 1e-6 * unit), part * step
+                before = x
+                x = x + part * step
+                x[0] = max(x[0], 1e-6 * unit)
+                last = part * step
                 moved = np.abs((x - before)[:4] / [1.0, length, length, length]).max()
                 change = moved / (unit + np.abs(x[0]))
                 best_known(time.perf_counter() - began)

@@ -93,14 +93,16 @@ class _Still:
     def __init__(
         self, equations: Equations, known: dict[tuple[str, str], tuple[int, float]]
     ) -> None:
-        self.equations, self.known = equations, known
+        self.equations = equations
+        self.known = known
         self.hold = make_holder(equations)
         self.mass_matrix = equations.function("mass_matrix")
 
     def findings(self, key: str, q_g: np.ndarray) -> Iterator[Finding]:
         """Findings with a worse mark at a pose of the move than before; else that there is none."""
         kind, _, name = key.partition(".")
-        robot, worst = self.equations.model, dict[tuple[str, str], Finding]()
+        robot = self.equations.model
+        worst = dict[tuple[str, str], Finding]()
         rows = np.linspace(0, len(q_g) - 1, min(POSES, len(q_g))).round().astype(int)
         for pose in q_g[rows]:
             try:

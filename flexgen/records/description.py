@@ -108,7 +108,8 @@ WRAP = 1.0
 REPEATED = 0.005
 # equal samples in a row at the largest torque; more where samples are often equal, so that chance
 # has a row of them in a hundred records
-CLIPPED, CHANCE = 3, 1e-2
+CLIPPED = 3
+CHANCE = 1e-2
 MOVED = 1e-3  # of the range of an angle: a motor that moves by less in such a row rests
 SIZE_MAX = 2_000_000_000  # bytes of a file
 
@@ -299,7 +300,8 @@ def _channels(root: Table, kind: str, model: RobotModel) -> list[_Channel]:
         motor = table.choice("motor", motors)
         if motor in found:
             raise table.fail("motor", f"one {kind} for each motor")
-        side, j = table.choice("side", SIDES), motors.index(motor)
+        side = table.choice("side", SIDES)
+        j = motors.index(motor)
         if side == "arm" and len(model.motors[j].drives) != 1:
             raise table.fail("side", "motor: this motor drives several joints")
         factor = _unit(table, _si_unit(kind, side, model, j))
@@ -337,7 +339,8 @@ def _signals(root: Table, model: RobotModel) -> list[_Channel]:
         name = table.choice("sensor", tuple(of))
         if name in [channel.of for channel in found]:
             raise table.fail("sensor", "one signal for each channel")
-        sensor, units = of[name], UNITS[of[name].type]
+        sensor = of[name]
+        units = UNITS[of[name].type]
         own = dict(zip(sensor.channels, sensor.units, strict=True))[name]
         if sensor.type == "link_encoder":
             units = {
@@ -384,9 +387,11 @@ class Recording:
         columns: Sequence[str] | None = None,
         alone: bool = True,
     ) -> None:
-        self.file, named = file, () if columns is None else (columns,)
+        self.file = file
+        named = () if columns is None else (columns,)
         self._tables = {path: read_arrays(path, SIZE_MAX, *named) for path in (file, *more)}
-        self._clock, self._sizes = clock, [len(channels) for channels in kinds]
+        self._clock = clock
+        self._sizes = [len(channels) for channels in kinds]
         self.rests: list[str] = []
         self._times, self._values, self._smooth = [], [], []
         for kind, channels in zip(KINDS, kinds, strict=True):
@@ -418,13 +423,17 @@ class Recording:
         """Take the channels of a piece, of the first one by default."""
         piece = piece or found.pieces[0]
         ends = np.cumsum(self._sizes)[:-1]
-        self.t, self.sample_s = piece.time, found.step
+        self.t = piece.time
+        self.sample_s = found.step
         self.tau_m, self.q_m, self.signals, self.references = np.split(piece.values, ends, axis=1)
-        self.gaps, self.resampled, self.notes = found.gaps, found.resampled, found.notes
+        self.gaps = found.gaps
+        self.resampled = found.resampled
+        self.notes = found.notes
 
     def pieces(self, step: float, period: float | None = None) -> list[Recording]:
         """The pieces between gaps, at equal steps [s] that are a whole part of the period [s]."""
-        found, out = self._resample(step, period), []
+        found = self._resample(step, period)
+        out = []
         for piece in found.pieces:
             one = copy(self)
             one._fill(found, piece)

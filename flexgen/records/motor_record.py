@@ -115,7 +115,8 @@ def _of_description(robot: RobotModel, path: Path) -> MotorRecord:
 
 
 def _of_table(robot: RobotModel, path: Path, columns: Sequence[str] | None) -> MotorRecord:
-    where, plain = str(path), columns is not None
+    where = str(path)
+    plain = columns is not None
     arrays = read_arrays(path, LARGEST, columns)
     header = list(arrays)
     at, factor = find_time(where, header, plain=plain)

@@ -107,7 +107,8 @@ def _names(file: Path) -> tuple[list[str], int]:
         top = 0
         line = stream.readline()
         while line.startswith("#") and top < LINES:
-            top, line = top + 1, stream.readline()
+            top = top + 1
+            line = stream.readline()
     return [name.strip() for name in next(csv.reader([line]), [])], top
 
 

@@ -46,11 +46,13 @@ def _output_constraint(arm: Arm) -> Built:
     flat = tape.build([*p, *(x for row in R for x in row), *bias, *(x for row in W for x in row)])
     place, turn, flat = ca.vertcat(*flat[:3]), matrix_of(flat[3:12], 3), flat[12:]
     target = ca.SX.sym("target", output.target_size)
-    W, bias_rows = matrix_of(flat[n_y:], n_a), ca.vertcat(*flat[:n_y])
+    W = matrix_of(flat[n_y:], n_a)
+    bias_rows = ca.vertcat(*flat[:n_y])
     if output.type == "tool_pose":
         error = pose_error(place, turn, target)
     elif output.has_angle:
-        angle, rate = tool_angle(equations), _angle_rate(arm)
+        angle = tool_angle(equations)
+        rate = _angle_rate(arm)
         error = ca.vertcat(place[kept], angle.value) - target[: output.tool_size]
         W = ca.vertcat(W, angle.rate)
         bias_rows = ca.vertcat(bias_rows, ca.jtimes(rate, q_a, v_a))

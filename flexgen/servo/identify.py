@@ -156,10 +156,13 @@ def _search(
             if found is not None and (found[0] ** 2).sum() < (e**2).sum():
                 gain = 1.0 - (found[0] ** 2).sum() / (e**2).sum()
                 # at once: a search that ends in between keeps the step before
-                p, (e, J), weight = tried, found, max(weight / 8, 1e-10)
+                p = tried
+                e, J = found
+                weight = max(weight / 8, 1e-10)
                 ended = gain < CLOSE
             else:
-                ended, weight = weight > 1e3, 10 * weight
+                ended = weight > 1e3
+                weight = 10 * weight
             if ended:
                 break
     return fit.result(p, e, J, ended)

@@ -109,11 +109,13 @@ class ServoRecord:
             A column is missing, or its unit cannot be used; the times are not those of an
             interface.
         """
-        file, plain = Path(path), columns is not None
+        file = Path(path)
+        plain = columns is not None
         if file.suffix != ".csv" or not file.is_file():
             raise ArgumentError(f"{file}: cannot be read: expected a CSV file")
         arrays = read_arrays(file, SIZE_MAX, columns)
-        where, header = f"{file}:1", list(arrays)
+        where = f"{file}:1"
+        header = list(arrays)
         at, second = find_time(where, header, plain=plain)
         found = []
         for middle in ("_command", ""):

@@ -138,7 +138,8 @@ class _Later:
     """The explicit method in C, whose first result is a later row."""
 
     def __init__(self, solver: CompiledDop853, first: int) -> None:
-        self._solver, self._first = solver, first
+        self._solver = solver
+        self._first = first
 
     @property
     def t(self) -> float:
@@ -205,7 +206,8 @@ def integrate(
         evaluations = before + solver.nfev
         if method == EXPLICIT and k < len(t):
             if solver.nfev - mark[1] > fast * (solver.t - mark[0]):
-                before, mark = evaluations, (solver.t, 0)
+                before = evaluations
+                mark = (solver.t, 0)
                 turns = _oscillation(loop, solver, fast)
                 tight = max(rtol, RTOL_STIFF), np.maximum(atol, ATOL_STIFF)
                 if turns:
@@ -213,7 +215,8 @@ def integrate(
                     most = max(most, before + fast * (t[-1] - solver.t))
                     solver = _explicit(loop, np.r_[solver.t, t[k:]], k, solver.y.copy(), tight)
                 else:
-                    method, solver = IMPLICIT, _implicit(loop, solver, t, tight)
+                    solver = _implicit(loop, solver, t, tight)
+                    method = IMPLICIT
             else:
                 mark = (solver.t, solver.nfev)
         elif method == IMPLICIT:

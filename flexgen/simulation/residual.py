@@ -20,7 +20,8 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as in `simulate`,
     independent of the solvers. Columns: arm coordinates, then the motors behind elastic gears.
     """
-    t, model = motion.t, equations.model
+    t = motion.t
+    model = equations.model
     middle, h = (t[:-1] + t[1:]) / 2, np.diff(t)[:, None]
     parts = (motion.q_a, motion.v_a, motion.a_a), (motion.q_m, motion.v_m, motion.a_m)
     between = [x for part in parts for x in _half_way(h, *part)]

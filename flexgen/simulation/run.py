@@ -188,7 +188,8 @@ def _rate(equations: Equations) -> ca.Function:
     robot = equations.model
     n_a, n, n_m = robot.n_a, robot.dof, robot.n_m
     pushed = equations.force is not None  # the force is behind the references of a feedback
-    remembers, held = has_memory(robot), 0
+    remembers = has_memory(robot)
+    held = 0
     if remembers:
         from flexgen.simulation.hysteretic_rate import hysteretic_rate
 

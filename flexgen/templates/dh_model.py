@@ -108,7 +108,8 @@ class _Writer:
     """Text of one model."""
 
     def __init__(self, name: str, table: DhTable) -> None:
-        self.name, self.table = name, table
+        self.name = name
+        self.table = table
         self.links = links(table)
         self.assumed: list[str] = []
         self.warnings = _suspicions(table)

@@ -136,7 +136,8 @@ class Arm:
 
     def __init__(self, equations: Equations, axes: Sequence[int]) -> None:
         """``axes``: rows of the Jacobian (of 6) that the output prescribes; none: all joints."""
-        self.equations, self.robot = equations, equations.model
+        self.equations = equations
+        self.robot = equations.model
         self.axes = list(axes)
         self.reach = reach(self.robot)
         self.units = [joint.unit for joint in joints_of(self.robot)]

@@ -51,8 +51,10 @@ def _identifier(name: str, stem: str) -> str:
 
 def _free(name: str, taken: Collection[str]) -> str:
     """The name, or the name with the first number that makes it one that is not taken."""
-    free, count = name, 2
+    free = name
+    count = 2
     while free in taken:
         end = f"_{count}"
-        free, count = name[: LONGEST - len(end)].rstrip("_") + end, count + 1
+        free = name[: LONGEST - len(end)].rstrip("_") + end
+        count = count + 1
     return free

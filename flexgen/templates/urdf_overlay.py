@@ -24,8 +24,10 @@ from flexgen.spec.tables import show
 from flexgen.spec.toml_text import toml, toml_key
 from flexgen.templates.urdf_repairs import Repairs, find_repairs, path_between, refuse_problems
 
-# Hz with locked motors and damping ratio of the gears of an overlay
-FREQUENCY, DAMPING = 20.0, 0.03
+# Hz with locked motors, of the gears of an overlay
+FREQUENCY = 20.0
+# damping ratio of the gears of an overlay
+DAMPING = 0.03
 RATIO, RATIO_TRANSLATION = 100.0, 500.0  # rad/rad, rad/m
 # kg m^2, of a rotor whose joint has no inertia of its own: a small servo motor
 ROTOR = 1e-5

@@ -42,7 +42,9 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
     found = flexgen.calibrate(
         model, poses, priors=priors, **keywords(args, "poses", "priors"), progress=throttle(log)
     )
-    data, text, files = found.to_dict(), found.to_text(), dict[str, Writer]()
+    data = found.to_dict()
+    text = found.to_text()
+    files = dict[str, Writer]()
     if args.add_poses and not found.ended:
         names = [c.name for c in model.coordinates if c.actuated]
         proposed = found.propose_poses(args.add_poses)

@@ -53,7 +53,8 @@ SHORTEST = 1e-3
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve with splines of intervals of 4 ``h`` [s], or ``problem.mesh``. No options."""
     problem.check_options("spline")
-    model, path = problem.equations.model, problem.path
+    model = problem.equations.model
+    path = problem.path
     if not model.n_e:
         raise ArgumentError(
             f"method spline: model {model.name} has no non-actuated coordinates, expected some; "
@@ -135,7 +136,8 @@ def _minimize(
         assert isinstance(J, np.ndarray)
         J = J.reshape(residual.size, -1)
         change = np.linalg.lstsq(J, -residual.ravel(), rcond=None)[0].reshape(-1, n_e)
-        size, part = float(np.linalg.norm(residual)), 1.0
+        size = float(np.linalg.norm(residual))
+        part = 1.0
         while True:
             trial = found.copy()
             trial[free] += part * change
@@ -146,7 +148,9 @@ def _minimize(
             if part < SHORTEST:
                 return found, step
         stalled = np.linalg.norm(after) > STALLED * size
-        found, residual, slopes = trial, after, later
+        found = trial
+        residual = after
+        slopes = later
         problem.log(f"splines, step {step}: residual {np.abs(residual).max():.1e} N m")
         if stalled or np.abs(part * change).max() <= CONVERGED * (1.0 + np.abs(found).max()):
             return found, step
