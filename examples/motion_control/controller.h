@@ -85,7 +85,7 @@ typedef struct {
     double speed_max[NM], away_max[NM];           /* rad/s, rad: speed and following error */
     double slip_max[NM], bend_max[NM];            /* rad/s, rad: error of the speed; second difference of an angle */
     double jolt_max[NM];                          /* N m: sudden torque on a rotor */
-    int refused[NM];                              /* encoders that are not believed any more */
+    int refused[NM];                              /* encoders that are not trusted any more */
     double q[NM], v[NM], q_ref[NM], sum[NM];      /* of the cascade: last angles, speeds, reference, integral */
     double s[NM][2];                              /* low pass */
     double moved[NM];                             /* last step of the reference */
@@ -356,7 +356,7 @@ static void brake(controller *c, int64_t k, double *q_ref, double *tau)
 static void check_cycle(controller *c, int64_t k, const double *measured, double *q_m, double *v_m)
 {
     const int follows = k == c->next && k >= 0 && k < INT64_MAX - RING;
-    /* cycles since the last one; after a jump of k nobody knows: not more than those of braking */
+    /* cycles since the last one; unknown after a jump of k: not more than those of braking */
     const double cycles = follows ? 1.0 : k > c->next && k - c->next < BRAKE ? (double)(k - c->next) + 1.0 : BRAKE;
     if (!follows) {
         set_fault(c, MISSED_CYCLES, -1);
@@ -439,7 +439,7 @@ static double jolt(const controller *c, int j, double slip)
     return CALL(rotor_inertia)[j] * rate - caused;
 }
 
-/* Speeds and following errors of the motors whose encoders are believed; afterwards the torque is off. */
+/* Speeds and following errors of the motors whose encoders are trusted; afterwards the torque is off. */
 static void monitor(controller *c, const double *q_m, const double *v_m, const double *q_ref)
 {
     for (int j = 0; j < NM; ++j) {

@@ -23,7 +23,7 @@ STEPS = 60  # of Newton's method from a start
 LONGEST = 0.5
 # m or rad, relative to 1 + the largest entry: error of the output that counts as solved
 REACHED = 1e-10
-SAME_POSE = 1e-7  # m or rad: of the whole pose, whose tilt is no output
+SAME_POSE = 1e-7  # m or rad: of the whole pose; the tilt is not among the outputs
 SAME = 1e-6  # rad or m: closer configurations are one
 FLAT = 1e-12  # relative: singular values that are rounding
 TURN = 2 * np.pi

@@ -44,7 +44,7 @@ class MethodResult:
     tau_b : array (n, n_m) or None [N m]
         Torques ``s0 z + s1 z'`` of the bristles of the motors' friction; None where no motor has any.
     held : float [s]
-        How long the last torque is held in the verification; 0 where the motion goes on.
+        How long the last torque is held in the verification; 0 where the motion continues.
     """
 
     t: np.ndarray

@@ -159,7 +159,7 @@ class InversionProblem:
 
     @property
     def swings(self) -> bool:
-        """Whether internal oscillations go on after the path without any damping."""
+        """Whether internal oscillations continue after the path without any damping."""
         return self.undamped is not None and bool(self.undamped.frequencies_hz)
 
     @cached_property

@@ -90,7 +90,7 @@ def find_undamped(
 
 
 def describe_swing(undamped: UndampedMotion, model: RobotModel, found: Inversion) -> str:
-    """Warning of a motion that goes on after the path: its size, and what can be done.
+    """Warning of a motion that continues after the path: its size, and what can be done.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def describe_swing(undamped: UndampedMotion, model: RobotModel, found: Inversion
         half = (after[:, i].max() - after[:, i].min()) / 2
         sizes.append(f"{model.coordinates[i].name} {half:.3g} {model.coordinates[i].unit}")
     return (
-        f"{undamped.describe()}: it goes on after the path, within the computed "
+        f"{undamped.describe()}: it continues after the path, within the computed "
         f"{found.n_post * found.period:.3g} s by +-{', +-'.join(sizes)}; the torques follow it to "
         "the last sample and must not be held then. Let a position controller take over; a slower "
         "or smoother move, or the moving mass as the output, leaves less of it"

@@ -17,7 +17,7 @@ from pathlib import Path
 # The emission begins in these: all modules of the package, and the file that calls it.
 EMISSION = "flexgen.codegen"
 CALLER = "library/generate.py"
-# Files beside the modules of a package that become part of a library: the fixed C.
+# Files next to the modules of a package that become part of a library: the fixed C.
 C_FILES = (".c", ".h")
 # The other packages whose version affects the text: their symbols and last bits of numbers.
 NUMERICAL = ("casadi", "numpy", "scipy")
@@ -125,7 +125,7 @@ class _Tree:
         return None
 
     def c_files(self, package: str) -> list[str]:
-        """The C beside the modules of a package."""
+        """The C files next to the modules of a package."""
         folder = "".join(f"{part}/" for part in package.split(".")[1:])
         return [f"{folder}{file}" for file in self._list(folder) if file.endswith(C_FILES)]
 

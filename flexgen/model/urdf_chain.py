@@ -65,7 +65,7 @@ def find_chain(
     tips : sequence of str
         Names of links.
     motion_of : callable
-        Returns the motion of a joint: fixed joints are no part of the chain.
+        Returns the motion of a joint: fixed joints are not part of the chain.
     dropped : set
         Joints outside the chain that are left out with all links behind them.
     inertial : callable

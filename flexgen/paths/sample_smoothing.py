@@ -49,9 +49,9 @@ LARGEST_OF_NOISE = 4.0
 NOISY = 1.1
 # Fewest samples in which noise is looked for.
 FEWEST = 20
-# Change of the direction [rad] from one sample to the next, and how many times those beside it,
-# that is a kink.
+# Change of the direction [rad] from one sample to the next that is a kink.
 KINK = 0.2
+# Ratio of a kink to the changes at the samples next to it, at least.
 KINK_OVER_OTHERS = 5.0
 # Decimals in which the rounding of samples is looked for, and the tolerance in units of the last
 # one.
@@ -247,7 +247,7 @@ def kinks_of(parameter: np.ndarray, values: np.ndarray, timed: bool) -> list[tup
 
     The angle [rad], or the relative jump of the speed. Without times the direction changes from one
     sample to the next by more than `KINK`, and by `KINK_OVER_OTHERS` times that of the samples
-    beside it; with times the speed changes by such a part of its largest value.
+    next to it; with times the speed changes by such a part of its largest value.
     """
     if len(values) < ORDER:
         return []

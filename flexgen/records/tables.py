@@ -102,7 +102,7 @@ def _csv(file: Path, columns: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _names(file: Path) -> tuple[list[str], int]:
-    """Cells of the first line that is no comment, and the number of lines above it."""
+    """Cells of the first line that is not a comment, and the number of lines above it."""
     with open_file(file, encoding="utf-8-sig", newline="") as stream:
         top = 0
         line = stream.readline()

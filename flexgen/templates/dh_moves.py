@@ -61,7 +61,7 @@ LONGEST = 20.0
 """Duration [s] beyond which a move is left out: its motors hardly hold the arm."""
 
 DEXTEROUS = 1e-3
-"""Median of the smallest singular value below which rows of the Jacobian are no output."""
+"""Median of the smallest singular value below which rows of the Jacobian are not an output."""
 
 UPRIGHT = 1e-9
 """Angular velocity [rad/rad, rad/m] across the vertical of an upright tool: rounding."""

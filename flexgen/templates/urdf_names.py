@@ -12,7 +12,7 @@ LONGEST = 31  # characters of an identifier
 
 
 def new_names(names: Collection[str], stem: str, refused: Collection[str] = ()) -> dict[str, str]:
-    """New names for those that are no identifiers or that are refused, all different.
+    """New names for those that are not identifiers or that are refused, all different.
 
     Letters lose their accents, other characters become underscores, and a name that is too long
     loses its end.

@@ -263,7 +263,7 @@ def _follows(urdf: Urdf, repairs: Repairs, joint: Joint) -> bool:
 
 
 def _repair_axis(urdf: Urdf, repairs: Repairs, joint: Joint) -> None:
-    """Name an axis that the reader normalizes, and an axis or a pose that is none."""
+    """Name an axis that the reader normalizes, and an invalid axis or pose."""
     node = next((child for child in joint.node.children if child.tag == "axis"), None)
     length = _try(partial(urdf.axis_length, joint))
     if node is not None and isinstance(length, float) and abs(length - 1.0) > AXIS_TOLERANCE:
@@ -323,7 +323,7 @@ def _repair_friction(urdf: Urdf, repairs: Repairs, joint: Joint) -> None:
 
 
 def _repair_names(repairs: Repairs, moving: dict[str, Joint]) -> None:
-    """Give names that are no identifiers new ones."""
+    """Give names that are not identifiers new ones."""
     joints = list(moving)
     links = list(dict.fromkeys([*(joint.child for joint in moving.values()), repairs.tip]))
     for kind, names, refused in (("joint", joints, ()), ("link", links, ("base",))):

@@ -47,7 +47,7 @@ SHORTEST = {
     "uncertainty/coverage.py": ["planar5_nmp"],
     "uncertainty/intervals.py": ["--draws", "4", "1"],
 }
-# What they need beside flexgen, its packages for tests, and a C compiler.
+# What they need in addition to flexgen, its packages for tests, and a C compiler.
 NEEDS = {
     "arrays.py": ["jax", "torch"],
     "autodiff/measure.py": ["jax", "torch"],

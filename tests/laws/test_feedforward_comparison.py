@@ -198,7 +198,7 @@ def test_the_command_line_prints_one_table_and_fails_where_the_loop_is_unstable(
     assert "unstable: nominal:" in capsys.readouterr().err
 
 
-def test_a_diverged_run_is_unstable_for_whoever_runs_a_case(run):
+def test_a_diverged_run_is_unstable_in_a_single_case_too(run):
     from flexgen.loop.case import control_case
 
     case = control_case(MODEL, solution=run.solution)

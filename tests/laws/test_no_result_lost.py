@@ -1,7 +1,7 @@
 """No result of a fit is lost: every verb that fits, times every way to lose its result.
 
 The verbs are those of the verb table that read a measurement; one that is new and not in `FITS`
-fails the first test. Each runs as a user runs it, in a process of its own, which counts the steps
+fails the first test. Each runs as a user runs it, in a separate process, which counts the steps
 of its search on standard error.
 """
 

@@ -86,7 +86,7 @@ def swing_of(acceleration, t: np.ndarray, inertia: float) -> np.ndarray:
     return run.y.T
 
 
-def test_torque_below_a_trolley_is_causal_and_goes_on_with_the_load(crane):
+def test_torque_below_a_trolley_is_causal_and_continues_with_the_load(crane):
     solution = flexgen.solve(crane(True, 2.0), "go")
     t = solution.trajectory.time
     path = flexgen.plan(crane(True, 2.0), "go")

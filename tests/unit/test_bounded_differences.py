@@ -137,7 +137,7 @@ def end_early(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("change", [stop_early, end_early])
-def test_a_point_that_is_not_optimal_is_no_result(
+def test_a_point_that_is_not_optimal_is_refused(
     change: Change, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Planted: searches that end too early."""
@@ -150,7 +150,7 @@ def test_a_point_that_is_not_optimal_is_no_result(
 
 
 @pytest.mark.parametrize("bad", [np.nan, 0.0, -1.0, np.inf])
-def test_bounds_that_are_no_positive_numbers_have_no_result(bad: float) -> None:
+def test_bounds_that_are_not_positive_numbers_have_no_result(bad: float) -> None:
     B, r = point_to_point(20)
     bound = np.full(20, 1.0)
     bound[3] = bad

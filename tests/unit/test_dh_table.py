@@ -261,7 +261,7 @@ def test_a_wrong_row_is_refused_with_its_column(row, table):
         read_dh(table(f"{HEAD}\n{row}"), "standard")
 
 
-def test_files_that_are_no_tables_are_refused(table, tmp_path):
+def test_files_that_are_not_tables_are_refused(table, tmp_path):
     with pytest.raises(ArgumentError, match="cannot be read"):
         read_dh(tmp_path / "none.csv")
     with pytest.raises(ArgumentError, match="convention: given 'craig'"):

@@ -129,7 +129,7 @@ BODIES = {
 
 
 @pytest.mark.parametrize("case", BODIES)
-def test_a_body_that_is_none_is_repaired(case, make):
+def test_an_invalid_body_is_repaired(case, make):
     body, words = BODIES[case]
     text = arm(FIRST, joint("j2", "l1", "l2"), joint("j3", "l2", "tip"), link("l2", body))
     path, made = make(text)

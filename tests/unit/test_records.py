@@ -73,7 +73,7 @@ def test_a_slow_transient_is_in_all_periods() -> None:
     assert not slow_transients(spectra(9.0)[:, :2]).any()  # two periods show nothing
 
 
-def test_counts_of_an_encoder_at_rest_are_no_lost_samples() -> None:
+def test_counts_of_an_encoder_at_rest_are_not_lost_samples() -> None:
     """Rest and one count of noise, at steps of 10 and 12 ms, and interpolated to 10 ms."""
     rng, count = np.random.default_rng(3), 1.2e-5
     for rest in (0.0, 3.0, 20.0):
@@ -85,6 +85,6 @@ def test_counts_of_an_encoder_at_rest_are_no_lost_samples() -> None:
         resampled = np.interp(at, t, seen)
         assert len(lost_samples(seen)) == len(lost_samples(resampled)) == 0
         moving = np.flatnonzero(at > rest + 1.0)
-        for k in moving[:: len(moving) // 20]:  # the motion goes on, the samples do not
+        for k in moving[:: len(moving) // 20]:  # the motion continues, the samples do not
             resampled[k : k + 6] = resampled[k]
         assert len(lost_samples(resampled)) >= 10

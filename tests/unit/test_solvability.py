@@ -308,7 +308,7 @@ def test_slow_poles_are_those_without_a_light_mass_on_a_stiff_spring(light: floa
 
 
 @pytest.mark.parametrize("light", [1e-3, 1e-6, 1e-9, 1e-12])
-def test_poles_beside_a_much_faster_one_are_exact(light: float) -> None:
+def test_poles_next_to_a_much_faster_one_are_exact(light: float) -> None:
     """Against the roots of the characteristic polynomial in 60 digits, up to the rounding of K.
 
     The stiff spring k is a sum of entries of K; its rounding eps k moves w = sqrt(c / m) of the

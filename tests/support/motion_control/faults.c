@@ -245,7 +245,7 @@ static int shows(double last[3][NM], int64_t cycle)
     return shown;
 }
 
-/* Torque limits that a start refuses; the controller is called all the same. */
+/* Torque limits that a start refuses; the controller is called nevertheless. */
 static void run_refused(const char *f)
 {
     double torque[NM], q_m[NM], u[NM], share = 0.0;
