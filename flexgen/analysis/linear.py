@@ -129,8 +129,8 @@ def refine_roots(
     Its error is that of the numbers in M, D and K (relative to s, half the rounding of the stiffest
     spring over the stiffness that the mode feels), however far the other roots are: an eigenvalue
     solver for all of them has the error of the largest one. A root keeps its value where the step
-    is not small relative to the distance to its neighbor (a multiple root, to be had up to the root of
-    rounding only). Conjugates stay conjugates, real roots stay real.
+    is not small relative to the distance to its neighbor (a multiple root, to be had up to the root
+    of rounding only). Conjugates stay conjugates, real roots stay real.
 
     Parameters
     ----------
