@@ -74,24 +74,29 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
     try:
         target = follow_links(path)
         if target.exists() and not target.is_file():
-            with open(target, "wb") as stream:
+            with open(target, "wb", opener=_opener_in(None)) as stream:
                 yield stream
             return
         target.parent.mkdir(parents=True, exist_ok=True)
         remove_leftovers(target.parent)
-        part = target.with_name(f"{FILE}{secrets.token_hex(8)}")
-        try:
-            with open(part, "xb", opener=_open_shared) as stream:
-                _lock(stream.fileno())
-                yield stream
-                stream.flush()
-                if target.exists() and _is_own(old := target.stat()):
-                    os.chmod(part, stat.S_IMODE(old.st_mode))
-                os.fsync(stream.fileno())
-            os.replace(part, target)
-        finally:
-            with suppress(OSError):
-                part.unlink()
+        part = f"{FILE}{secrets.token_hex(8)}"
+        with _open_folder(target.parent) as folder:
+            place = target.parent if folder is None else Path()
+            try:
+                with open(place / part, "xb", opener=_opener_in(folder)) as stream:
+                    _lock(stream.fileno())
+                    yield stream
+                    stream.flush()
+                    if (old := _found(place / target.name, folder)) is not None and _is_own(old):
+                        os.chmod(
+                            stream.fileno() if folder is not None else place / part,
+                            stat.S_IMODE(old.st_mode),
+                        )
+                    os.fsync(stream.fileno())
+                os.replace(place / part, place / target.name, src_dir_fd=folder, dst_dir_fd=folder)
+            finally:
+                with suppress(OSError):
+                    os.unlink(place / part, dir_fd=folder)
         _sync_folder(target.parent)
     except OSError as error:
         raise unwritable(path, error) from error
@@ -259,9 +264,46 @@ def _remove_abandoned(path: Path) -> None:
         os.close(descriptor)
 
 
-def _open_shared(name: str, flags: int) -> int:
-    """Open with the rights that the user's umask leaves."""
-    return os.open(name, flags, 0o666)
+@contextmanager
+def _open_folder(path: Path) -> Iterator[int | None]:
+    """A folder as a descriptor, so that all of a file is written in the folder that was checked.
+
+    Each part of the path is opened without following a symbolic link: one that took the place of
+    a folder after `follow_links` is an error. None where the system has no such descriptors.
+    """
+    if os.open not in os.supports_dir_fd or os.name != "posix":
+        yield None
+        return
+    # O_PATH: folders on the way may be ones that the user may pass and not list
+    flags = getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY | os.O_NOFOLLOW
+    parts = path.absolute().parts
+    descriptor = os.open(parts[0], flags)
+    try:
+        for part in parts[1:]:
+            inner = os.open(part, flags, dir_fd=descriptor)
+            os.close(descriptor)
+            descriptor = inner
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _opener_in(folder: int | None) -> Callable[[str, int], int]:
+    """Open in a folder, no symbolic link, with the rights that the user's umask leaves."""
+
+    def open_shared(name: str, flags: int) -> int:
+        return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666, dir_fd=folder)
+
+    return open_shared
+
+
+def _found(path: Path, folder: int | None) -> os.stat_result | None:
+    """Facts of a file in a folder; None where there is none, or a symbolic link."""
+    try:
+        found = os.stat(path, dir_fd=folder, follow_symlinks=False)
+    except OSError:
+        return None
+    return found if stat.S_ISREG(found.st_mode) else None
 
 
 def _lock(descriptor: int) -> bool:

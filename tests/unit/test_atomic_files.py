@@ -271,3 +271,34 @@ def test_temporary_folders_of_killed_processes_are_removed(tmp_path, monkeypatch
         (folder / "inside").write_text("x")
         raise KeyboardInterrupt
     assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+def test_a_folder_that_becomes_a_link_is_not_followed(tmp_path, monkeypatch):
+    """Between the check of a path and the write another process puts a link into its place."""
+    given, mine = tmp_path / "given", tmp_path / "mine"
+    given.mkdir()
+    mine.mkdir()
+    check = atomic_files.follow_links
+
+    def then_swapped(path):
+        found = check(path)
+        given.rename(tmp_path / "moved")
+        given.symlink_to(mine)
+        return found
+
+    monkeypatch.setattr(atomic_files, "follow_links", then_swapped)
+    with pytest.raises(ArgumentError, match="cannot be written"):
+        write_text(given / "a.txt", "x")
+    assert not [*mine.iterdir(), *(tmp_path / "moved").iterdir()]
+
+
+def test_a_folder_that_becomes_a_link_while_it_is_written(tmp_path):
+    """The file stays in the folder that was opened."""
+    given, mine = tmp_path / "given", tmp_path / "mine"
+    mine.mkdir()
+    with atomic_file(given / "a.txt") as stream:
+        stream.write(b"x")
+        given.rename(tmp_path / "moved")
+        given.symlink_to(mine)
+    assert not [*mine.iterdir()]
+    assert [path.name for path in (tmp_path / "moved").iterdir()] == ["a.txt"]
