@@ -220,7 +220,7 @@ def _array(
     count = math.prod(shape)
     numbers = np.empty(count, dtype)
     # a part at a time, into the array: a file would take its size three times
-    bytes_of = memoryview(numbers.view(np.uint8)) if numbers.nbytes else memoryview(b"")
+    bytes_of = numbers.view(np.uint8).data if numbers.nbytes else memoryview(b"")
     found = 0
     with archive.open(f"{name}.npy") as stream:
         stream.read(start)

@@ -21,8 +21,8 @@ from typing import IO, Any, BinaryIO
 
 import numpy as np
 
+from flexgen.counts import number_in
 from flexgen.errors import ArgumentError
-from flexgen.number_text import number_in
 from flexgen.spec.ports import Port
 from flexgen.spec.tables import open_file
 

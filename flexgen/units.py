@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 import re
 
+from flexgen.counts import number_in
 from flexgen.errors import ArgumentError
-from flexgen.number_text import number_in
 
 DEGREE = math.pi / 180
 TURN = 2 * math.pi

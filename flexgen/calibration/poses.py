@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.calibration.parameters import AXES, trackers_of
+from flexgen.counts import number_in
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.number_text import number_in
 from flexgen.records.columns import find_column
 from flexgen.records.tables import is_number
 from flexgen.spec.tables import open_file

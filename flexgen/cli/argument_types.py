@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.number_text import number_in
+from flexgen.counts import number_in
 
 _DISTURBANCE = re.compile(
     r"(?P<kind>\w+):(?P<where>[\w.]+)=(?P<size>[-+.\deE]+)@(?P<start>[-+]?[.\d]+(?:[eE][-+]?\d+)?)"

@@ -12,10 +12,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from flexgen.counts import number_in
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import OF_ROTATION, RobotModel
 from flexgen.npz_files import NpzError, read_npz
-from flexgen.number_text import number_in
 from flexgen.paths.jets import axis_angle, quaternion_product
 from flexgen.spec.tables import closest, open_file
 

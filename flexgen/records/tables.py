@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.counts import number_in
 from flexgen.errors import ArgumentError
 from flexgen.npz_files import NpzError, read_npz
-from flexgen.number_text import number_in
 from flexgen.spec.tables import open_file
 
 EXPECTED = "names in line 1, then numbers with a decimal point, and commas between the columns"

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, cast
 
+from flexgen.counts import is_count
 from flexgen.errors import ModelError
-from flexgen.number_text import is_count
 from flexgen.spec.tables import part_of
 from flexgen.spec.toml_lines import Entry, Path, Scanner, parse
 

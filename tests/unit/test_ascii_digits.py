@@ -12,8 +12,8 @@ import pytest
 
 import flexgen
 from flexgen.cli import argument_types
+from flexgen.counts import is_count, number_in
 from flexgen.errors import FlexgenError
-from flexgen.number_text import is_count, number_in
 from flexgen.records.tables import read_arrays
 from flexgen.trajectory import Trajectory
 from flexgen.units import conversion
