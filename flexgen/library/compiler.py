@@ -466,20 +466,22 @@ def _compile(
     programs = Programs()
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
-        for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
-            words = [
-                *compiler.command,
-                *compiler.flags,
-                *flags_of(file),
-                "-c",
-                file,
-                "-o",
-                _object(file),
-            ]
-            jobs[file] = pool.submit(
-                run_compiler, "C compiler", words, folder, _object(file), programs
-            )
         try:
+            for file in sorted(
+                missing, key=lambda file: -_effort(folder, file)
+            ):  # the longest first
+                words = [
+                    *compiler.command,
+                    *compiler.flags,
+                    *flags_of(file),
+                    "-c",
+                    file,
+                    "-o",
+                    _object(file),
+                ]
+                jobs[file] = pool.submit(
+                    run_compiler, "C compiler", words, folder, _object(file), programs
+                )
             for done, (file, job) in enumerate(jobs.items(), 1):
                 job.result()
                 stored.keep(folder / file)
