@@ -16,6 +16,8 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from flexgen.deadline import check_time
+from flexgen.numerics.nlp import BUILDING
 from flexgen.numerics.tableaus import Tableau
 
 
@@ -180,15 +182,18 @@ class Transcription:
             ).ravel()
             size = np.maximum(size, np.abs(first * scale_x[self.where[k]]).max(axis=1))
         scale = 1 / size
+        check_time(BUILDING)
         gathered = ca.reshape(
             (x * ca.DM(scale_x))[self.where.ravel().tolist()], self.where.shape[1], count
         )
         found, slopes = local.map(count)(gathered, *[ca.DM(p) for p in values])
+        check_time(BUILDING)
         between = self.continuity
         scale_g = np.r_[np.tile(scale, count), np.tile(1 / scale_x[: 2 * self.n], self.N)]
         g = ca.vertcat(ca.vec(found), ca.mtimes(ca.DM(between), x * ca.DM(scale_x))) * ca.DM(
             scale_g
         )
+        check_time(BUILDING)
         fixed = between.tocoo()
         all_rows = np.concatenate(
             [(np.arange(count)[:, None] * m + row).ravel(), m * count + fixed.row]
@@ -198,6 +203,7 @@ class Transcription:
         entries = ca.vertcat(ca.vec(slopes), ca.DM(fixed.data)) * ca.DM(
             scale_g[all_rows] * scale_x[all_cols]
         )
+        check_time(BUILDING)
         pattern = ca.Sparsity.triplet(
             m * count + between.shape[0], self.size, all_rows.tolist(), all_cols.tolist()
         )
