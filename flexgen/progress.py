@@ -31,6 +31,19 @@ def silent(line: str) -> None:
     """The progress function that shows nothing."""
 
 
+def tell_every(seconds: float, tell: Progress) -> Progress:
+    """A progress function that passes a line where the last one, or this call, is ``seconds`` [s] ago."""
+    last = time.perf_counter()
+
+    def tell_late(line: str) -> None:
+        nonlocal last
+        if time.perf_counter() - last >= seconds:
+            last = time.perf_counter()
+            tell(line)
+
+    return tell_late
+
+
 def is_interactive() -> bool:
     """Whether messages are seen: standard error is a terminal, or this is a notebook."""
     if _in_notebook():

@@ -34,6 +34,7 @@ from flexgen.model.friction import (
 )
 from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path, PathSample
+from flexgen.progress import Progress, silent
 
 # Samples at which the equations are evaluated between two looks at the time limit: some 0.5 s.
 BLOCK = 4096
@@ -250,13 +251,14 @@ class Reduction:
         return ca.Function("levels", [g[name] for name in given], outputs, given, names)
 
     def motion(
-        self, sample: PathSample, q: np.ndarray, v_e: np.ndarray
+        self, sample: PathSample, q: np.ndarray, v_e: np.ndarray, tell: Progress = silent
     ) -> tuple[Motion | None, bool]:
         """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
 
         The equations hold exactly at each instant by construction. None where their matrix is singular: there the rows
         do not determine the accelerations, see `motion_through`. The second result is True where the matrix is nearly
         singular, or is singular between two instants, as when a zero passes through infinity.
+        ``tell`` gets a line for each derivative.
         """
         n, n_a = len(q), self.model.n_a
         zero = np.zeros((n, n_a))
@@ -274,6 +276,7 @@ class Reduction:
         chain = [q, v, zero, zero, zero]
         scale = np.abs(G).max(axis=2)
         for k in (2, 3, 4):
+            tell(f"derivative {k} of 4 of the joints, {n} samples")
             at = self._at(chain)
             output = sample.derivative(k) - at[f"rate{k}"].reshape(n, self.n_y)
             rhs = np.hstack([output, -at[f"row{k - 2}"].reshape(n, len(self.i_e))])

@@ -114,3 +114,14 @@ def test_workers_of_sweeps_show_nothing(monkeypatch):
     grid = flexgen.Grid(models=["elbow"], moves=["line"], options={"verify": False})
     flexgen.sweep(grid, workers=0, progress=lambda line: None)
     assert sys.stderr.getvalue() == ""
+
+
+def test_lines_of_a_loop_are_told_after_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "perf_counter", lambda: clock[0])
+    lines: list[str] = []
+    tell = progress.tell_every(2.0, lines.append)
+    for now in (0.1, 1.9, 2.0, 3.0, 4.5):
+        clock[0] = now
+        tell(f"at {now}")
+    assert lines == ["at 2.0", "at 4.5"]

@@ -25,6 +25,7 @@ from flexgen.inversion.sampling import differentiate
 from flexgen.inversion.settling import slow_gears
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import equilibrium_at
+from flexgen.progress import EVERY, tell_every
 
 SAMPLES = 200_000  # at most
 
@@ -52,7 +53,8 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         q = reduction.close(
             reduction.follow(path, t, reduction.start(path).q_a), reduction.targets(sample)
         )
-        found, _ = moving.motion(sample, q, np.zeros((len(t), 0)))
+        tell = tell_every(EVERY, lambda line: problem.log(f"closed form: {line}"))
+        found, _ = moving.motion(sample, q, np.zeros((len(t), 0)), tell)
         if found is None:
             raise SolverError(
                 f"move {path.move.name}: the path passes a singular pose; choose another path"
