@@ -272,7 +272,8 @@ def _run(
         signals.append(found.sensors if found.sensors is not None else np.zeros((count, lanes, 0)))
         if progress is not None:
             progress(
-                f"simulating {lanes} robots, {100 * (first + count) / n:.0f} % of {n * case.hardware.sample_s:.1f} s"
+                f"simulating {lanes} robot{'s' * (lanes > 1)}, {100 * (first + count) / n:.0f} % of "
+                f"{n * case.hardware.sample_s:.1f} s"
             )
     seconds = perf_counter() - began
     motion, tau_m, q_m, y_s = (np.concatenate(x) for x in (motions, torques, shown, signals))

@@ -131,7 +131,8 @@ class Check(Result):
 
     def summary(self) -> str:
         """One sentence: how many numbers were checked, and how many are unusual or wrong."""
-        counts = f"{len(self.errors)} errors, {len(self.warnings)} unusual"
+        errors = "1 error" if len(self.errors) == 1 else f"{len(self.errors)} errors"
+        counts = f"{errors}, {len(self.warnings)} unusual"
         return f"{self.model}: {len(self.findings)} numbers checked, {counts}"
 
     def all_findings(self) -> str:

@@ -262,3 +262,9 @@ def test_a_failure_with_a_wrong_ratio_names_the_ratio(ask, monkeypatch):
 def test_ratios_of_translations_have_their_unit(ask):
     assert flexgen.describe("urdf_arm")["motors"][2]["ratio_unit"] == ["rad/m"]
     assert "400 rad/m" in ask("describe", "urdf_arm")[1]
+
+
+def test_one_error_has_no_plural(ask):
+    steep = "motor.m1.friction.beta=245321638"
+    out = ask("check", "planar5_nmp", "--set", "motor.m1.friction.coulomb=0.572", "--set", steep)[1]
+    assert " 1 error, " in out
