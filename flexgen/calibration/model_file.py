@@ -14,8 +14,12 @@ import numpy as np
 from flexgen.calibration.parameters import trackers_of
 from flexgen.calibration.statics import Numbers, frame_rotation
 from flexgen.calibration.tree import SHIFTS, Tree, rotations
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import Dof, Element, Placement, RobotModel
+from flexgen.model.format_devices import SENSOR
+from flexgen.model.reader import read
+from flexgen.sensors import Sensor
+from flexgen.spec.schema import write
 
 VARIANT = "calibrated"
 
@@ -50,15 +54,42 @@ def changes_of(
             out[f"{table}.mass"] = _number(numbers.masses[k])
         if (numbers.centers[k] != body.com).any():
             out[f"{table}.com"] = _numbers(numbers.centers[k])
-    for sensor, position in zip(trackers_of(model), numbers.trackers, strict=True):
-        if (position != sensor.position).any():
-            out[f"sensor.{sensor.name}.position"] = _numbers(position)
+    out |= _trackers(model, numbers)
     if frame is not None:
         R = frame_rotation(frame)
         base = _placement(frame[:3] + R @ model.base.position, R @ np.array(model.base.rotation))
         out["base"] = _pose(base)
         out["gravity"] = _numbers(R @ model.gravity)
     return out
+
+
+def _trackers(model: RobotModel, numbers: Numbers) -> dict[str, Any]:
+    """Positions of the trackers that moved; all sensors where those of the model file are others.
+
+    Trackers may be given as overrides of `flexgen.read`: the file has no table whose position could be set.
+    """
+    moved = {
+        sensor.name: _numbers(position)
+        for sensor, position in zip(trackers_of(model), numbers.trackers, strict=True)
+        if (position != sensor.position).any()
+    }
+    if _sensors_of_file(model) == model.sensors:
+        return {f"sensor.{name}.position": position for name, position in moved.items()}
+    tables = []
+    for sensor in model.sensors:
+        table = write(SENSOR, sensor)
+        if sensor.name in moved:
+            table["position"] = moved[sensor.name]
+        tables.append(table)
+    return {"sensor": tables}
+
+
+def _sensors_of_file(model: RobotModel) -> tuple[Sensor, ...]:
+    """The sensors that the model file states; those of the model where it has no file that can be read."""
+    try:
+        return read(model.file, model.variant or None).sensors
+    except FlexgenError:
+        return model.sensors
 
 
 def _placements(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -273,5 +274,12 @@ def test_numbers_and_words_of_a_calibration(tmp_path: Path) -> None:
     assert (
         variant["set"] == found.changes and variant["description"] == f"poses.csv: {found.sentence}"
     )
+    # the trackers are overrides: the new file has them, and so has the calibrated model
+    again = flexgen.read(f"{written}@calibrated")
+    assert again.sensors == found.model.sensors
+    for before, after in zip(found.nominal.sensors, again.sensors, strict=True):
+        place = [found.values[f"{before.name}.{axis}"] for axis in "xyz"]
+        assert replace(after, position=before.position) == before
+        assert_allclose(after.position, place, rtol=0, atol=1e-15)
     moved = found.write(tmp_path / "b.toml", "measurement")
     assert tomllib.loads(moved.read_text())["variant"]["calibrated"]["set"] != variant["set"]
