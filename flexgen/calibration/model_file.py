@@ -66,7 +66,8 @@ def changes_of(
 def _trackers(model: RobotModel, numbers: Numbers) -> dict[str, Any]:
     """Positions of the trackers that moved; all sensors where those of the model file are others.
 
-    Trackers may be given as overrides of `flexgen.read`: the file has no table whose position could be set.
+    Trackers may be given as overrides of `flexgen.read`: the file has no table whose position could
+    be set.
     """
     moved = {
         sensor.name: _numbers(position)
@@ -85,7 +86,7 @@ def _trackers(model: RobotModel, numbers: Numbers) -> dict[str, Any]:
 
 
 def _sensors_of_file(model: RobotModel) -> tuple[Sensor, ...]:
-    """The sensors that the model file states; those of the model where it has no file that can be read."""
+    """The sensors that the model file states; those of the model where no file can be read."""
     try:
         return read(model.file, model.variant or None).sensors
     except FlexgenError:

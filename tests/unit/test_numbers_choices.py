@@ -163,8 +163,8 @@ def test_controllers_by_name_file_or_object(monkeypatch: pytest.MonkeyPatch) -> 
     assert asked[0][:2] == (pytest.approx(1.5e-3), [1] * 7) and asked[0][2] == ()
     used_hz[:] = [0.5, 0.25]
     assert made("ppi")[1] == (
-        "ppi 12.3/0.25 to 0.5 Hz (position/speed/integral; speed cut from 1 Hz, because sample time "
-        "and delay are 1.5 ms)"
+        "ppi 12.3/0.25 to 0.5 Hz (position/speed/integral; speed cut from 1 Hz, because sample "
+        "time and delay are 1.5 ms)"
     )
     assert made("ppi_notch") == ("cascade", "ppi with a notch at 4.56 Hz")
     (notch,) = asked[-1][2]

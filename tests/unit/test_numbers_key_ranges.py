@@ -19,13 +19,14 @@ Names = dict[str, Counter[str]]
 RANGES = {
     "exclusiveMinimum 0, maximum 1e+12": (
         "acceleration_max:8 break_at:4 coulomb deflection_max:7 duration:12 frequency_hz:4 high:4 "
-        "joint_profile_deg:2 joint_profile_rad:2 length lost_motion low:4 mass_per_length profile:14 "
-        "radius:10 sample_s:7 smooth:2 smoothing:2 speed:6 speed_deg:2 speed_max:10 speed_rad:2 static "
-        "stiffness:8 stribeck_speed thermal_time:2 torque_max:4 torque_rate_max:2 torque_rms_max:4 zone:2"
+        "joint_profile_deg:2 joint_profile_rad:2 length lost_motion low:4 mass_per_length "
+        "profile:14 radius:10 sample_s:7 smooth:2 smoothing:2 speed:6 speed_deg:2 speed_max:10 "
+        "speed_rad:2 static stiffness:8 stribeck_speed thermal_time:2 torque_max:4 "
+        "torque_rate_max:2 torque_rms_max:4 zone:2"
     ),
     "minItems 0": (
-        "after before branches common dof drop lock low_pass:2 move:2 notch:2 parameters program:2 remove "
-        "unfinished"
+        "after before branches common dof drop lock low_pass:2 move:2 notch:2 parameters "
+        "program:2 remove unfinished"
     ),
     "minItems 1": "bending drives element joints legs:2 motor rows step:2",
     "minItems 1, maxItems 3": "axes:3",
@@ -36,8 +37,8 @@ RANGES = {
     "minItems 2, maxItems 2": "torque_speed:2",
     "minItems 2, maxItems 8": "joint_profile_deg:2 joint_profile_rad:2 profile:14",
     "minItems 3, maxItems 3": (
-        "axes:3 axis:10 center:2 com:2 configuration:8 displacement:8 gravity inertia:2 position:13 "
-        "rotation_axis rotation_deg:10 rotation_rad:10 rpy_deg:10 rpy_rad:10 via:4"
+        "axes:3 axis:10 center:2 com:2 configuration:8 displacement:8 gravity inertia:2 "
+        "position:13 rotation_axis rotation_deg:10 rotation_rad:10 rpy_deg:10 rpy_rad:10 via:4"
     ),
     "minItems 6, maxItems 6": "inertia:2 turns:4",
     "minItems 9, maxItems 9": "rotation:2",
@@ -45,13 +46,13 @@ RANGES = {
     "minimum -100, maximum 100": "turns:4",
     "minimum -100, maximum 300": "temperature",
     "minimum -1e+12, maximum 1e+12": (
-        "angle_deg:2 angle_rad:2 axis:10 center:2 com:2 correlation cos:5 damping:2 displacement:10 end_deg:4 "
-        "end_rad:4 gauge gravity home_deg home_rad inertia:2 integral_gain lock lower:4 lower_deg:4 "
-        "lower_rad:4 mimic:2 offset:3 pole_damping:2 position:13 position_gain ratio:4 reference_temperature "
-        "rotation:2 rotation_axis rotation_deg:10 rotation_rad:10 rows rpy_deg:10 rpy_rad:10 sd sin:5 "
-        "speed_gain "
-        "start_deg:14 start_rad:14 stribeck_slope stribeck_speed_slope temperature_rise upper:4 upper_deg:4 "
-        "upper_rad:4 via:4 zero_damping:2"
+        "angle_deg:2 angle_rad:2 axis:10 center:2 com:2 correlation cos:5 damping:2 "
+        "displacement:10 end_deg:4 end_rad:4 gauge gravity home_deg home_rad inertia:2 "
+        "integral_gain lock lower:4 lower_deg:4 lower_rad:4 mimic:2 offset:3 pole_damping:2 "
+        "position:13 position_gain ratio:4 reference_temperature rotation:2 rotation_axis "
+        "rotation_deg:10 rotation_rad:10 rows rpy_deg:10 rpy_rad:10 sd sin:5 speed_gain "
+        "start_deg:14 start_rad:14 stribeck_slope stribeck_speed_slope temperature_rise upper:4 "
+        "upper_deg:4 upper_rad:4 via:4 zero_damping:2"
     ),
     "minimum 0, maximum 1": "delay:2 reference_filter_s:2 viscous_share",
     "minimum 0, maximum 100000": "integral_hz",
@@ -76,11 +77,11 @@ DEFAULTS = {
     '"xyz"': "axes:2",
     "0": "smoothness:2",
     "0.0": (
-        "alpha:2 beta:2 coulomb:2 damping:6 damping_ratio delay:3 delay_s:7 friction gamma load_alpha "
-        "load_coulomb load_smoothing load_stribeck lost_motion masses moment_noise motor_inertia noise:7 "
-        "offset:3 pause:6 payload reference_filter_s:2 rotational_drag smooth:2 stiffness stribeck:2 stribeck_slope "
-        "stribeck_speed_slope temperature_rise viscous:2 viscous_decay viscous_share zone:4 zone_deg:2 "
-        "zone_rad:2"
+        "alpha:2 beta:2 coulomb:2 damping:6 damping_ratio delay:3 delay_s:7 friction gamma "
+        "load_alpha load_coulomb load_smoothing load_stribeck lost_motion masses moment_noise "
+        "motor_inertia noise:7 offset:3 pause:6 payload reference_filter_s:2 rotational_drag "
+        "smooth:2 stiffness stribeck:2 stribeck_slope stribeck_speed_slope temperature_rise "
+        "viscous:2 viscous_decay viscous_share zone:4 zone_deg:2 zone_rad:2"
     ),
     "0.0005": "sample_time:2",
     "0.1": "zero_damping:2",
