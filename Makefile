@@ -29,7 +29,7 @@ run: $(VENV)/.installed            ## solve the example planar5_nmp (the default
 	$(BIN)/python cli.py run planar5_nmp
 
 help:                              ## list the targets
-	@sed -n 's/^\([a-z][a-z-]*\):[^#]*##/\1 -/p' Makefile | awk -F ' - ' '{ printf "make %-12s%s\n", $$1, $$2 }'
+	@sed -n 's/^\([a-z][a-z-]*\):[^#]*##/\1 -/p' Makefile | awk -F ' - ' '{ printf "make %-14s%s\n", $$1, $$2 }'
 
 # --- set-up: one environment; each extra is installed when a target needs it -----------------------------------------
 setup: $(VENV)/.installed          ## install flexgen and what it needs to run in .venv

@@ -6,7 +6,7 @@ import pickle
 import textwrap
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
@@ -210,11 +210,16 @@ KEPT = 4  # models, some megabytes each
 
 
 class _OwnParts(pickle.Pickler):
-    """Refuses laws of other packages, which may change between two calls, as in a notebook."""
+    """Refuses laws of other packages, which may change between two calls, as in a notebook.
+
+    Of a data class the fields only: properties that it keeps once they are used make no other model.
+    """
 
     def reducer_override(self, part: Any) -> Any:
         if not type(part).__module__.startswith(("flexgen.", "builtins", "numpy", "pathlib")):
             raise pickle.PicklingError(type(part).__module__)
+        if is_dataclass(part) and not isinstance(part, type):
+            return type(part), tuple(getattr(part, field.name) for field in fields(part))
         return NotImplemented
 
 

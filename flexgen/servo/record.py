@@ -103,6 +103,10 @@ class ServoRecord:
         columns : sequence of str, optional
             Names of the columns of a file without a header; those without unit are in SI units.
 
+        Returns
+        -------
+        ServoRecord
+
         Raises
         ------
         ArgumentError

@@ -408,6 +408,7 @@ def test_active_limits_are_not_a_missed_tolerance():
         status=Status.TOLERANCE_NOT_MET,
         stopped="",
         warnings=(),
+        details={},
         method="collocation",
         simulation=None,
         tool_error_max_m=0.1,

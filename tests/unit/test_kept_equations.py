@@ -28,6 +28,14 @@ def test_one_model_has_one_object_and_another_its_own():
     assert kept_equations(robot) is kept
 
 
+def test_what_a_model_keeps_of_itself_makes_no_other_model():
+    fresh = dataclasses.replace(flexgen.read("elbow"))
+    used = dataclasses.replace(fresh)
+    assert used.coordinates and used.i_g and used.parents
+    assert vars(used) != vars(fresh)
+    assert kept_equations(used) is kept_equations(fresh)
+
+
 def test_the_last_models_are_kept():
     robots = [
         dataclasses.replace(flexgen.read("elbow"), gravity=(0.0, 0.0, -float(g)))

@@ -104,7 +104,8 @@ def test_a_solution_writes_its_report(solution, tmp_path):
     assert path == tmp_path / "r" / "index.html" and "<svg" in path.read_text(encoding="utf-8")
 
 
-# Called by other functions, such as `flexgen.solve`, `plot` and `write`, and not methods.
+# Called by other functions, such as `flexgen.solve`, `plot`, `write` and the command line, and not
+# methods.
 INNER = (
     *(
         "Move.fastest",
@@ -114,6 +115,7 @@ INNER = (
         "Solution.positions",
     ),
     *("RobotModel.numbers", "Check.implausible"),
+    *("Calibration.check_file", "Estimated.check_file", "GearFit.check_file"),
 )
 
 

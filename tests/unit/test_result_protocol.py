@@ -16,9 +16,11 @@ from flexgen.results import Result
 FEW, FILES = "a few numbers, which its table has", "files, which are listed"
 # Results without a picture, with the reason.
 NO_PICTURE = {
+    "CascadeTuning": "its runs, before and after, have pictures",
     "Check": "numbers of several units next to their usual ranges, which its table has",
     "Configuration": FEW,
     "Equilibrium": FEW,
+    "FeedforwardComparison": "its runs have pictures",
     "Experiment": "its spectra are drawn as responses, by flexgen.frf",
     "Exported": FILES,
     "GeneratedLibrary": FILES,
@@ -127,7 +129,11 @@ def test_each_result_is_json_a_file_and_a_table(made, tmp_path):
         "stable": True,
         "largest_eigenvalue": 0.9,
         "gain": None,
+        "gain_db": None,
+        "gain_hz": None,
         "delay_s": 1e-3,
+        "phase_deg": None,
+        "phase_hz": None,
     }
 
 

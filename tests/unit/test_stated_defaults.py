@@ -80,6 +80,17 @@ HELPS = {
     ("excite", "encoder_resolution"): DRIVE.encoder_resolution_rad,
     ("excite", "torque_noise"): DRIVE.torque_noise_Nm,
     ("kinematics", "rotation"): 0.0,
+    **{
+        ("tune", name): of_call(flexgen.tune_cascade, name)
+        for name in (
+            "evaluations",
+            "sample_time",
+            "delay",
+            "encoder_noise",
+            "gain_margin_db",
+            "phase_margin_deg",
+        )
+    },
 }
 
 

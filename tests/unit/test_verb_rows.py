@@ -27,6 +27,7 @@ OPTIONS = {
     ("analyze", "move"): "Python takes the planned path",
     ("solve", "moves"): "flexgen.read_moves reads a file",
     ("plan", "moves"): "flexgen.read_moves reads a file",
+    ("solve", "details"): "what is printed: Solution.to_text",
     ("solve", "robustness"): "a part of the report",
     ("sweep", "parquet"): "SweepResult.results.save",
     ("excite", "sample_time"): "a field of DriveHardware",
@@ -58,7 +59,6 @@ OPTIONS = {
     **{
         ("tune", name): "of a model: flexgen.tune_cascade"
         for name in (
-            "time_limit",
             "move",
             "plants",
             "disturbances",

@@ -33,7 +33,6 @@ ROBOTS = 8
 """Robots that are drawn from the tolerances of a model for its tuning."""
 
 OF_MODELS = (
-    "time_limit",
     "move",
     "plants",
     "disturbances",
@@ -119,7 +118,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
         return _tune_model(args, log)
     from flexgen.benchmarks.tune import tune as improve
 
-    alone(args, "a benchmark", *(name for name in OF_MODELS if name != "time_limit"))
+    alone(args, "a benchmark", *OF_MODELS)
     log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
     began = time.perf_counter()
     tuned = improve(args.scenario, **keywords(args), progress=throttle(log))
@@ -154,7 +153,7 @@ def _tune_model(args: Namespace, log: Progress) -> VerbResult:
 
     alone(args, "a model", "starts", "workers")
     model = read(args.scenario)
-    names = (*OF_MODELS, "controller", "evaluations", "seed")
+    names = (*OF_MODELS, "time_limit", "controller", "evaluations", "seed")
     given = {name: getattr(args, name) for name in names if name in args.given}
     if "plants" in given:
         given["plants"] = dict(given["plants"])
