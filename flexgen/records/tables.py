@@ -56,7 +56,8 @@ def read_arrays(file: Path, size_max: int, columns: Sequence[str] | None = None)
         from scipy.io import loadmat
 
         try:
-            found = loadmat(str(file))
+            with open_file(file, "rb") as stream:
+                found = loadmat(stream)
         except Exception as error:  # the reader raises many kinds for a damaged file
             raise ArgumentError(
                 f"{file}: cannot be read as a MAT file of version 5 ({error})"

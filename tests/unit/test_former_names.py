@@ -20,14 +20,16 @@ MOST = 8  # parameters of a function; more of them belong into an object of opti
 # `flexgen.verbs`, with its help, and scripts of version 0.2 have them by name. Functions with more than that; each
 # number may only fall:
 LARGER = {
-    "fit_motion": 10,  # what is free, its bounds and priors, by name as in identify
-    "identify": 10,  # the same, and how the errors of the responses are modelled
+    "identify": 10,  # what is free, its bounds and priors; how the errors of the responses are modelled
     # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it touches
     "simulate": 10,
 }
 # Verbs that call another function where their input is of another kind: their options are its
 # parameters as well.
-OTHERS = {"tune": "tune_cascade"}  # a model, not a benchmark
+OTHERS = {
+    "tune": "tune_cascade",  # a model, not a benchmark
+    "identify": "fit_motion",  # with segments
+}
 
 
 def larger(functions: dict[str, Any]) -> dict[str, int]:

@@ -13,9 +13,11 @@ import flexgen
 from flexgen.calibration.poses import StaticPoses
 from flexgen.errors import FlexgenError
 from flexgen.model.urdf import Urdf
-from flexgen.numerics.records import read_named
 from flexgen.paths.force_files import read_force
 from flexgen.paths.sample_files import read_samples
+from flexgen.records.description import read_description
+from flexgen.records.motor_record import read_motor_record
+from flexgen.records.tables import read_arrays
 from flexgen.servo.record import ServoRecord
 from flexgen.spec.tables import open_file
 
@@ -29,7 +31,12 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "trajectory, npz": (".npz", flexgen.Trajectory.load),
     "samples of a path": (".csv", lambda file: read_samples(str(file), flexgen.read("elbow"), 2)),
     "force": (".csv", lambda file: read_force(file, "time", "a table")),
-    "record": (".csv", lambda file: read_named(file, 1000)),
+    "record": (".csv", lambda file: read_arrays(file, 1000)),
+    "record, npz": (".npz", lambda file: read_arrays(file, 1000)),
+    "record, mat": (".mat", lambda file: read_arrays(file, 1000)),
+    "record of motors": (".csv", lambda file: read_motor_record(flexgen.read("elbow"), file)),
+    "record of motors, mat": (".mat", lambda file: read_motor_record(flexgen.read("elbow"), file)),
+    "description": (".toml", lambda file: read_description(file)),
     "servo record": (".csv", lambda file: ServoRecord.read(file, flexgen.read("elbow"))),
     "poses": (".csv", lambda file: StaticPoses.read(file, flexgen.read("elbow"))),
 }
