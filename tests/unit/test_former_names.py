@@ -20,7 +20,8 @@ MOST = 8  # parameters of a function; more of them belong into an object of opti
 # `flexgen.verbs`, with its help, and scripts of version 0.2 have them by name. Functions with more than that; each
 # number may only fall:
 LARGER = {
-    "identify": 10,  # what is free, its bounds and priors; how the errors of the responses are modelled
+    # what is free, its bounds and priors by name; how the errors of the responses are modelled
+    "identify": 10,
     # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it touches
     "simulate": 10,
 }
