@@ -11,6 +11,7 @@ from one_axis import one_axis
 
 import flexgen
 from flexgen.errors import ArgumentError
+from flexgen.simulation.growth import Motion, linearize_along
 
 MASS, STIFFNESS, RATIO, ROTOR = 80.0, 2e6, 300.0, 1e-3
 SIZE, DURATION = 150.0, 0.5
@@ -41,6 +42,27 @@ def test_the_torques_of_a_gantry_under_a_force(tmp_path):
     expected = ROTOR * RATIO * (a + (MASS * jounce - ddF) / STIFFNESS) + (MASS * a - F) / RATIO
     found = solution.trajectory.at(t)["tau_m"][:, 0]
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def change_of_dynamics(model: str, force: list[float]) -> float:
+    """Largest difference of the linear dynamics at rest with a force on the tool and without."""
+    equations = flexgen.derive(model)
+    robot = equations.model
+    arm, motors = np.full((2, robot.n_a), 0.3), np.full((2, robot.n_m), 0.3)
+    given = [arm, 0 * arm, 0 * arm, motors, 0 * motors, 0 * motors, 0 * motors]
+    time = np.array([0.0, 1.0])
+    plain = linearize_along(equations, Motion(time, *given))
+    pushed = linearize_along(equations, Motion(time, *given, force=np.tile(force, (2, 1))))
+    return float(np.abs(pushed.A - plain.A).max())
+
+
+def test_a_force_has_no_stiffness_where_the_tool_does_not_turn(tmp_path):
+    """That of the elbow, which turns, is noticed."""
+    file = tmp_path / "gantry.toml"
+    file.write_text(GANTRY)
+    force = [SIZE, -SIZE, 2 * SIZE, 10.0, 20.0, 30.0]
+    assert change_of_dynamics(str(file), force) == 0.0
+    assert change_of_dynamics("elbow", force) > 1.0
 
 
 def bell() -> np.ndarray:
