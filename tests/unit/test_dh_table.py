@@ -341,3 +341,15 @@ def test_arms_of_other_shapes_get_an_output_and_moves_that_they_can_do(shape, ma
     assert (robot.output.type, len(model.moves)) == (output, moves) and not model.warnings
     found = flexgen.check(robot)
     assert not found.errors and all("move" not in each.key for each in found.warnings)
+
+
+def test_an_arm_without_moves_is_not_to_be_solved_next(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table = "a [mm],alpha [deg],d [mm],mass [kg],torque_max [N m],ratio\n400,90,300,20,{},10\n"
+    table += "350,0,0,10,{},10\n"
+    for name, torque in (("strong", "90"), ("weak", "1e-4")):
+        (tmp_path / f"{name}.csv").write_text(table.format(torque, torque))
+        assert main(["new", name, "--dh", f"{name}.csv", "--convention", "standard"]) == 0
+        out = capsys.readouterr().out
+        assert ("moves: none" in out) == (name == "weak")
+        assert ("next: flexgen solve" in out) == (name == "strong")

@@ -28,18 +28,24 @@ def new(args: Namespace, log: Progress) -> VerbResult:
         )
     if args.convention and args.dh is None:
         raise ArgumentError("--convention: given without --dh, expected --dh FILE.csv")
-    next_steps = "\n".join(f"next: flexgen {verb} {path}" for verb in ("check", "analyze", "solve"))
     found = {"name": args.name, "out": str(path)}
     if args.dh is None:
-        return _from_template(args, path, next_steps)
+        return _from_template(args, path)
     made = model_from_dh(args.name, args.dh, args.convention)
     write_text(path, made.text)
     about = asdict(made)
     del about["text"]
+    next_steps = _next_steps(path, has_moves=bool(made.moves))
     return VerbResult({**found, **about}, f"wrote {path}\n{_about(made)}\n{next_steps}")
 
 
-def _from_template(args: Namespace, path: Path, next_steps: str) -> VerbResult:
+def _next_steps(path: Path, *, has_moves: bool = True) -> str:
+    """Commands for the new file, a line each; without moves there is nothing to solve."""
+    verbs = ("check", "analyze", "solve") if has_moves else ("check", "analyze")
+    return "\n".join(f"next: flexgen {verb} {path}" for verb in verbs)
+
+
+def _from_template(args: Namespace, path: Path) -> VerbResult:
     """Write a template, or the overlay of a URDF file with its repairs."""
     from flexgen.templates.new_model import new_overlay
 
@@ -54,7 +60,7 @@ def _from_template(args: Namespace, path: Path, next_steps: str) -> VerbResult:
     data = {"name": args.name, "out": str(path)}
     if args.urdf is not None:
         data |= {"repairs": list(made.repairs), "unfinished": list(made.unfinished)}
-    return VerbResult(data, "\n".join([*lines, next_steps]))
+    return VerbResult(data, "\n".join([*lines, _next_steps(path)]))
 
 
 def _about(made: DhModel) -> str:
