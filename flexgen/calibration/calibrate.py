@@ -275,7 +275,7 @@ def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None
 
 
 def _check_points(robot: RobotModel, data: StaticPoses, place: Sequence[str]) -> None:
-    """Refuse what fixed points beside measured positions, or without any, cannot start from."""
+    """Refuse what fixed points with measured positions, or without any, cannot start from."""
     seen = np.isfinite(data.positions).all(axis=2)
     if not data.point_names:
         return

@@ -75,7 +75,7 @@ static int force_power_rate(const real *q, const real *v, const real *f, const r
 /*
  * d(W' f)/dq, to force_q, and W. Row i, column j is f' dw_i/dq_j, w_i a column of W. With f' W' v = Q(v) its symmetric
  * part is (Q(e_i + e_j) - Q(e_i) - Q(e_j)) / 2. Columns of a gradient have no other; but angular velocities of a pose
- * are no derivatives of coordinates: dw_i/dq_j - dw_j/dq_i = w_j x w_i.
+ * are not derivatives of coordinates: dw_i/dq_j - dw_j/dq_i = w_j x w_i.
  */
 static int force_derivatives(const real *q, const real *f, const real *parameters, growth_space *s, real *space)
 {

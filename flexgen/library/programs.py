@@ -1,4 +1,4 @@
-"""Compilers that run beside each other, and end with what started them.
+"""Compilers that run at once, and end with what started them.
 
 A compiler starts programs of its own, which a signal to it alone leaves running. On POSIX systems
 each one leads a group of processes, and the whole group is ended.

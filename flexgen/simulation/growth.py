@@ -129,7 +129,7 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     if motion.force is not None:
         # a force of constant direction pushes by J(q)' f: it has a stiffness, -d(J' f)/dq
         jacobians = equations.pushed.function("residual_jacobians")
-        # where J is constant, as of a gantry, the force has none and is no argument
+        # where J is constant, as of a gantry, the force has none and is not an argument
         if "f_tool" in jacobians.name_in():
             arguments.append(motion.force)
     M, D, K, _ = second_order_matrices(*evaluate(jacobians, *(x[at] for x in arguments)))

@@ -22,7 +22,7 @@ LARGEST = 2**34  # bytes of a table that is read
 PACKED = 200
 SMALL = 2**28
 LONGEST = 400  # characters of a text in a table
-ESCAPED = 6  # characters of one that is no text in UTF-8, as backslash, u and four digits
+ESCAPED = 6  # characters of one that is not text in UTF-8, as backslash, u and four digits
 HEAD = 100_000  # characters of the text that says what the columns are, at most
 
 

@@ -104,7 +104,7 @@ def test_intervals_hold_the_numbers_that_fixed_points_determine(
     assert abs(wrong.values["q3.zero"] - truth["q3.zero"]) > 3 * wrong.sd["q3.zero"]
 
 
-def test_measured_positions_beside_fixed_points_give_the_scale() -> None:
+def test_measured_positions_with_fixed_points_give_the_scale() -> None:
     """Ten further poses are measured in a frame that is turned: no length is held any more."""
     free = ("zeros", "placements", "compliances")
     q, points, truth = drawn(free, 80, 5)

@@ -128,7 +128,7 @@ def test_calls_out_of_order_are_refused_and_change_nothing() -> None:
 def test_a_skipped_part_of_an_update_changes_the_result() -> None:
     """Planted: the update skips a part, here the residual of the first points."""
     whole, planted = (machine(PLANAR).begun(AHEAD) for _ in range(2))
-    part = 10  # position of the next part in the head of the memory
+    part = 11  # position of the next part in the head of the memory
     for k, sample in enumerate(sampled(PLANAR, 20)):
         whole.update(*sample)
         memory, y, dy, ddy, motion, info = planted._arguments

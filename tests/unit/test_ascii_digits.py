@@ -24,7 +24,7 @@ STRANGE = ["\uff11\uff12", "1\uff12", "\u0663", "1.\u0665", "1_0"]
 
 
 @pytest.mark.parametrize("text", STRANGE)
-def test_other_digits_are_no_number(text: str) -> None:
+def test_other_digits_are_not_numbers(text: str) -> None:
     float(text)  # as Python reads them
     with pytest.raises(ValueError, match="could not convert"):
         number_in(text)

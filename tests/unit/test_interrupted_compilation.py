@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 WITHIN = 2.0  # s
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
-# It answers questions as the real one; compiling takes a minute, in a process of its own.
+# It answers questions as the real one; compiling takes a minute, in a separate process.
 SLOW = """#!/bin/sh
 case " $* " in
 *" -c "*) ;;

@@ -33,7 +33,7 @@ def test_the_growth_of_a_motion_is_asked_of_its_library(
     """With its period in the precision of the library, and a workspace of its size."""
     asked: list[Any] = []
     motion = growth.Inversion.__new__(growth.Inversion)
-    fields = {key: np.ones((3, 2)) for key in growth._WIDTHS} | {"period": 0.25}
+    fields = {key: np.ones((3, 2)) for key in growth._WIDTHS} | {"period": 0.25, "n_pre": 0}
     for name, value in fields.items():
         object.__setattr__(motion, name, value)
     monkeypatch.setattr(
