@@ -56,8 +56,8 @@ static const real *force_at(const growth_force *force, ptrdiff_t k)
 }
 
 /* f' W' v with the map W to rates of the output, and its time derivative W': a quadratic form of the speeds v. */
-static int force_power_rate(const real *q, const real *v, const real *f, const real *parameters, real *W,
-    real *to, real *space)
+static int force_power_rate(
+    const real *q, const real *v, const real *f, const real *parameters, real *W, real *to, real *space)
 {
     real target[NT], error[NY], bias[NY];
     int status;
