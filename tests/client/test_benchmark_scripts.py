@@ -47,6 +47,18 @@ SHORTEST = {
     "uncertainty/coverage.py": ["planar5_nmp"],
     "uncertainty/intervals.py": ["--draws", "4", "1"],
 }
+# Those that end within a minute or two run with the slow tests, the others with `make test-full`.
+QUICK = {
+    "closed_form_sweep.py",
+    "forces/hysteresis.py",
+    "forces/milling.py",
+    "inversion.py",
+    "kernel.py",
+    "models.py",
+    "reversals/reversals.py",
+    "trees/trees.py",
+    "uncertainty/coverage.py",
+}
 # What they need in addition to flexgen, its packages for tests, and a C compiler.
 NEEDS = {
     "arrays.py": ["jax", "torch"],
@@ -107,7 +119,10 @@ def test_names_that_scripts_import_from_flexgen_are_there() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("script", SHORTEST)
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(name, marks=[] if name in QUICK else pytest.mark.full) for name in SHORTEST],
+)
 def test_the_shortest_form_runs(script: str, tmp_path: Path) -> None:
     """To its end, with something printed, and no page of the repository changed."""
     for need in NEEDS.get(script, []):
