@@ -294,7 +294,9 @@ def _automatic_solution(
             )
         best = best or found
         outcomes.append(f"{candidate.name}: {found.details.get('missed', found.status)}")
-    reason = _undamped_reason(problem)
+    # where the default method found a motion, undamped motion is not why its error is too large
+    is_found = best is not None and best.method == method.name
+    reason = "" if is_found else _undamped_reason(problem)
     if best is not None:
         warnings = (*best.warnings, reason) if reason else best.warnings
         return replace(best, warnings=warnings, details={**best.details, "attempts": outcomes})
