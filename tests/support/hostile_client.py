@@ -161,7 +161,8 @@ static int begin(void)
     for (long long i = 0; i < size && i < 8; ++i) {
         memory[i] = 1.0; /* an update before the start */
     }
-    if (step(y, y, y) != @_NOT_STARTED) {
+    status = step(y, y, y);
+    if (status != @_NOT_STARTED && status != @_WORK_TOO_SMALL) {
         exit(8);
     }
     status = (int)@_stream_start(&stream, &options, y, q);
@@ -261,7 +262,7 @@ int main(void)
 def text(name: str) -> str:
     """The program for a library."""
     out = _TEXT
-    for size in ("NA", "NG", "NM", "NY", "NT", "NE", "NOT_STARTED"):
+    for size in ("NA", "NG", "NM", "NY", "NT", "NE", "NOT_STARTED", "WORK_TOO_SMALL"):
         out = out.replace(f"@_{size}", f"{name.upper()}_{size}")
     return out.replace("@", name)
 
