@@ -640,12 +640,15 @@ static inline int do_parts(real *s, const layout *l, int parts)
 /* The memory of a stream of the caller; a null pointer where there is none. */
 static real *memory_of(const elbow_stream *stream)
 {
-    return stream == NULL || stream->size < HEAD ? NULL : stream->memory;
+    return stream == NULL ? NULL : stream->memory;
 }
 
 /* Layout of a stream that was started and has not failed; a status where its memory holds none, or not all of it. */
 static elbow_status find_layout(const elbow_stream *given, layout *l)
 {
+    if (given->size < HEAD) {
+        return ELBOW_WORK_TOO_SMALL;
+    }
     if (!is_running(given->memory)) {
         return ELBOW_NOT_STARTED;
     }
