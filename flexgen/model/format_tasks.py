@@ -43,7 +43,7 @@ from flexgen.spec.keys import (
     whole,
     words,
 )
-from flexgen.spec.tables import Table, closest
+from flexgen.spec.tables import Table, closest, show
 
 PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 MOST_TURNS = 100
@@ -397,9 +397,9 @@ def _read_samples(table: Table, key: Key, here: Context) -> str:
     except (OSError, ValueError):  # a name that no file can have
         there = False
     if not there:
-        raise table.fail(
-            key.name, "the path of a .csv or .npz file, relative to the folder of this file"
-        )
+        # The name of a file stands at the end of its path: a long path is shown whole.
+        shown = show(given, limit=LONGEST_PATH)
+        raise table.fail(key.name, f"the {_SAMPLED}", given=shown)
     return str(path)
 
 
@@ -447,6 +447,8 @@ _OUTPUTS = Type(
     vector().schema,
 )
 _SMOOTH = "largest deviation from the samples; a smooth path instead of one through them"
+# Characters of a path in a message: the longest path that an operating system opens.
+LONGEST_PATH = 4096
 _SAMPLED = "path of a .csv or .npz file, relative to the folder of this file"
 _TO = "straight line in the joint coordinates, to these or to a pose of the tool"
 _AT_START = "m, world axes, from the start"

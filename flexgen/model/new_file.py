@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from flexgen.atomic_files import check_writable, temporary_folder, write_text
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.model.urdf_source import PACKAGE
@@ -136,7 +136,15 @@ def write_model_text(
     if target.suffix != ".toml":
         raise ArgumentError(f"path: given {str(path)!r}, expected a name that ends in .toml")
     with temporary_folder() as inner:  # what cannot be read again is not written
-        again = read(write_text(inner / "model.toml", relocate(text, folder, inner)), variant)
+        draft = write_text(inner / "model.toml", relocate(text, folder, inner))
+        try:
+            again = read(draft, variant)
+        except ModelError as error:
+            if error.file != str(draft):
+                raise
+            # The user knows the file that was asked for, not the draft.
+            reason = (error.key, error.given, error.expected)
+            raise ModelError(str(target), error.line, *reason) from None
     if check is not None:
         check(again)
     if dry:

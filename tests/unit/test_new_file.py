@@ -67,9 +67,12 @@ def test_a_planted_path_of_the_old_folder_is_seen(tmp_path: Path) -> None:
     text = (flexgen.model.reader.packaged_models() / "elbow.toml").read_text()
     move = '\n[[move]]\nname = "t"\ntype = "sampled"\nfile = "none.csv"\n'
     move += "duration = 1.0\nsmoothness = 5\n"
-    with pytest.raises(ModelError, match=r"none\.csv"):
-        write_model_text(tmp_path / "new.toml", text + move, tmp_path)
-    assert not (tmp_path / "new.toml").exists()
+    folder = tmp_path / ("a" * 90)
+    folder.mkdir()
+    with pytest.raises(ModelError, match=r"none\.csv") as caught:
+        write_model_text(folder / "new.toml", text + move, tmp_path)
+    assert caught.value.file == str(folder / "new.toml")
+    assert not (folder / "new.toml").exists()
 
 
 @pytest.fixture
