@@ -61,44 +61,97 @@ class Figure(NamedTuple):
     key: str
 
 
-def figure_rows(figures: Iterable[Figure]) -> list[tuple[str, str]]:
-    """Labels and texts of the figures that have a value."""
+class UnitScale(NamedTuple):
+    """The one unit in which a report prints a quantity: its factor to the SI unit, and its name.
+
+    Examples
+    --------
+    >>> from flexgen.display import choose_scale
+    >>> scale = choose_scale([4.2e-3, 3e-6, 1e-12], "m")
+    >>> scale.unit, scale.text(4.2e-3), scale.text(3e-6), scale.text(1e-12)
+    ('mm', '4.2 mm', '0.003 mm', '< 0.0001 mm')
+    """
+
+    factor: float
+    unit: str
+
+    def cell(self, value: float | None) -> float | str:
+        """A value [SI] in this unit for a column; a dash for None, the bound for noise."""
+        if value is None or not math.isfinite(value):
+            return "-"
+        if 0.0 < abs(value) < NOISE:
+            return f"< {self.factor * NOISE:.1g}"
+        return self.factor * value
+
+    def text(self, value: float | None) -> str:
+        """A value [SI] with the unit, three digits."""
+        cell = self.cell(value)
+        if cell == "-":
+            return "-"
+        return f"{cell} {self.unit}" if isinstance(cell, str) else f"{cell:.3g} {self.unit}"
+
+
+# Prefixes of the units of lengths [m] and angles [rad] with their factors, and the smallest size
+# that is printed with them: what would round to 1000 of the smaller unit is 1 of this one.
+PREFIXES = (("", 1.0, 0.9995), ("m", 1e3, 0.9995e-3), ("u", 1e6, 0.0))
+
+
+def choose_scale(values: Iterable[float | None], unit: str) -> UnitScale:
+    """The unit for all values [m or rad] of a quantity: that of the largest finite one."""
+    sizes = (abs(value) for value in values if value is not None and math.isfinite(value))
+    largest = max(sizes, default=0.0)
+    prefix, factor = next((p, f) for p, f, least in PREFIXES if largest >= least)
+    return UnitScale(factor, prefix + unit)
+
+
+Scales = Mapping[str, UnitScale]  # by the SI units m and rad
+
+
+def choose_scales(figures: Iterable[Figure], *more: tuple[float | None, str]) -> Scales:
+    """The units for all lengths and angles of figures, and of more values with their SI units."""
+    each = [(f.value, f.unit) for f in figures if isinstance(f.value, float)]
+    each += [(value, unit) for value, unit in more if value is not None]
+    return {
+        unit: choose_scale([value for value, of in each if of == unit], unit)
+        for unit in ("m", "rad")
+    }
+
+
+def figure_rows(figures: Iterable[Figure], scales: Scales | None = None) -> list[tuple[str, str]]:
+    """Labels and texts of the figures that have a value; lengths and angles have one unit each.
+
+    ``scales``: units of a report with more lengths than these.
+    """
+    shown = tuple(figures)
+    scales = choose_scales(shown) if scales is None else scales
     return [
-        (f.label, _figure_text(f.value, f.unit, f.key).strip())
-        for f in figures
+        (f.label, _figure_text(f.value, f.unit, f.key, scales).strip())
+        for f in shown
         if f.value not in (None, "")
     ]
 
 
-def _figure_text(value: str | float | None, unit: str, key: str) -> str:
+def _figure_text(value: str | float | None, unit: str, key: str, scales: Scales) -> str:
     if isinstance(value, float) and key.startswith(SPEED) and 0.0 < abs(value) < NOISE:
         return f"< {NOISE:.0e} {unit}"
-    if isinstance(value, float) and unit in ("m", "rad"):
-        return format_size(value, unit)
+    if isinstance(value, float) and unit in scales:
+        return scales[unit].text(value)
     return f"{value:.4g} {unit}" if isinstance(value, float) else f"{value} {unit}"
 
 
-def format_size(value: float | None, unit: str) -> str:
-    """A length [m] or angle [rad] with a prefix: ``< 0.1 um``, ``4.2 mm``; a dash for None."""
-    if value is None or not math.isfinite(value):
-        return "-"
-    if 0.0 < abs(value) < NOISE:
-        return f"< {1e6 * NOISE:.1g} u{unit}"
-    factor, prefix = (
-        (1.0, "") if value >= 0.9995 else (1e3, "m") if value >= 0.9995e-3 else (1e6, "u")
-    )
-    return f"{factor * value:.3g} {prefix}{unit}"
+def format_size(value: float | None, unit: str, scales: Scales | None = None) -> str:
+    """A length [m] or angle [rad] with a prefix: ``< 0.1 um``, ``4.2 mm``; a dash for None.
+
+    ``scales``: the units of a report with more than this value.
+    """
+    scale = choose_scale([value], unit) if scales is None else scales[unit]
+    return scale.text(value)
 
 
-def thousandths(value: float) -> float | str:
-    """A length [m] or angle [rad] in mm or mrad; ``< 0.0001`` below the errors of computation."""
-    return f"< {1e3 * NOISE:.1g}" if 0.0 < abs(value) < NOISE else 1e3 * value
-
-
-def both_measured(in_m: float | None, in_rad: float | None) -> str:
+def both_measured(in_m: float | None, in_rad: float | None, scales: Scales | None = None) -> str:
     """A length and an angle: ``4.2 mm and 3 urad``; empty where there is neither."""
     return " and ".join(
-        format_size(value, unit)
+        format_size(value, unit, scales)
         for value, unit in ((in_m, "m"), (in_rad, "rad"))
         if value is not None
     )

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from flexgen.counts import show_value
-from flexgen.display import Figure, figure_rows, thousandths
+from flexgen.display import Figure, Scales, choose_scales, figure_rows
 from flexgen.errors import ArgumentError
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
@@ -191,35 +191,49 @@ class PathAccuracy(Result):
         }
         return [(label, key, getattr(self, key)) for label, key in keys.items()]
 
+    def lengths(self) -> list[tuple[float | None, str]]:
+        """All lengths and angles with their units, those of each robot too."""
+        of_robots = (*self.path_errors, *self.overshoots, *self.drifts)
+        known = [(f.value, f.unit) for f in self.figures() if isinstance(f.value, float)]
+        return [*known, *((value, self.unit) for value in of_robots)]
+
+    def _scales(self) -> Scales:
+        return choose_scales((), *self.lengths())
+
     def rows(self) -> list[tuple[str, str]]:
         """Labels and values with units of the figures that are known, for tables."""
-        return figure_rows(self.figures())
+        return figure_rows(self.figures(), self._scales())
 
     @property
     def robot_columns(self) -> tuple[str, ...]:
         """Headings of `robot_rows`."""
-        u = self.unit
-        settled = f"settled into {1e3 * self.band:g} m{u} after, s"
-        return (
-            "robot",
-            f"from the path, m{u}",
-            settled,
-            f"overshoot, m{u}",
-            "stabilization, s",
-            f"drift, m{u}",
-        )
+        return self.robot_table(self._scales())[0]
 
     def robot_rows(self) -> list[tuple[str, ...]]:
         """The figures of each robot as texts."""
+        return self.robot_table(self._scales())[1]
+
+    def robot_table(self, scales: Scales) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Headings and rows of the figures of each robot, in the units of a report."""
+        scale = scales[self.unit]
+        u = scale.unit
+        columns = (
+            "robot",
+            f"from the path, {u}",
+            f"settled into {scale.factor * self.band:.4g} {u} after, s",
+            f"overshoot, {u}",
+            "stabilization, s",
+            f"drift, {u}",
+        )
 
         def size(value: float | None) -> str:
-            shown = "-" if value is None else thousandths(value)
+            shown = scale.cell(value)
             return shown if isinstance(shown, str) else f"{shown:.4g}"
 
         def time(value: float | None, otherwise: str = "-") -> str:
             return otherwise if value is None else f"{value:.4g}"
 
-        return [
+        rows: list[tuple[str, ...]] = [
             (
                 name,
                 size(error),
@@ -230,6 +244,7 @@ class PathAccuracy(Result):
             )
             for name, error, settled, over, stable, drift in self._each()
         ]
+        return columns, rows
 
     def _each(self) -> list[tuple[Any, ...]]:
         rows = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.display import Figure, both_measured, figure_rows, format_size
+from flexgen.display import Figure, both_measured, choose_scales, figure_rows, format_size
 from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
@@ -144,15 +144,17 @@ class Solution(Result):
         what = "output" if self.model.output.type == "combination" else "tool"
         if self.simulation is None:
             return f"{what} error not measured (no verification by simulation)"
-        held = both_measured(*self._held_errors())
+        held = both_measured(*self._held_errors(), choose_scales(self.figures()))
         more = (
             f", with {self.torque_command.title()} {held}" if self.torque_command and held else ""
         )
         if self.status == Status.LIMITS_ACTIVE:
-            errors = both_measured(self.tool_error_max_m, self.tool_error_max_rad)
+            distance = self.path_distance_max_m
+            scales = choose_scales(self.figures(), (distance, "m"))
+            errors = both_measured(self.tool_error_max_m, self.tool_error_max_rad, scales)
             where = f"{errors} from the reference at the same time"
-            if self.path_distance_max_m is not None:
-                where = f"{format_size(self.path_distance_max_m, 'm')} from the path ({where})"
+            if distance is not None:
+                where = f"{format_size(distance, 'm', scales)} from the path ({where})"
             return f"{what} up to {where} because limits are active{more}"
         return "\n  ".join(error_lines(self.simulation, what)) + more
 

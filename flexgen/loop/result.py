@@ -11,8 +11,9 @@ import numpy as np
 
 from flexgen.accuracy.corners import corner_figures, find_corners
 from flexgen.accuracy.figures import BAND, PathAccuracy, path_accuracy
+from flexgen.display import choose_scales
 from flexgen.errors import ArgumentError
-from flexgen.inversion.solution import Solution, format_size
+from flexgen.inversion.solution import Solution
 from flexgen.loop.closed_loop import NOT_FINITE, TOO_LONG
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.hardware import DriveHardware
@@ -175,15 +176,18 @@ class ControlRun(Result):
             f"{1e3 * self.hardware.sample_s:.4g} ms{late}: {self.status}",
             *(f"  {line}" for line in self.force_lines()),
         ]
-        for run in self.runs[:SHOWN]:
+        shown = self.runs[:SHOWN]
+        keys = ("error_max", "dynamic_error_max")
+        found = [self.figures(run) for run in shown if not run.failure]
+        scales = choose_scales(
+            (), *((row[f"{k}_{u}"], u) for row in found for k in keys for u in UNITS)
+        )
+        for run in shown:
             row = self.figures(run)
-            found = {
-                key: [(row[f"{key}_{u}"], u) for u in UNITS]
-                for key in ("error_max", "dynamic_error_max")
-            }
+            texts = {key: [(row[f"{key}_{u}"], u) for u in UNITS] for key in keys}
             whole, dynamic = (
-                " and ".join(format_size(x, u) for x, u in each if x is not None)
-                for each in found.values()
+                " and ".join(scales[u].text(x) for x, u in each if x is not None)
+                for each in texts.values()
             )
             text = run.failure or (
                 f"error up to {whole}, dynamic {dynamic}, torque up to {row['torque_max_Nm']:.4g} N m"

@@ -27,8 +27,9 @@ from typing import Any
 import numpy as np
 
 from flexgen.deadline import MOST_STEPS, best_known, is_over, keep_best, limit_fit, reason_of_end
+from flexgen.display import choose_scale, format_size
 from flexgen.errors import ArgumentError, FlexgenError
-from flexgen.inversion.solution import Solution, format_size
+from flexgen.inversion.solution import Solution
 from flexgen.loop.case import SAMPLE_S, Case, control_case
 from flexgen.loop.channels import ACCELEROMETER as TOOL_ACCELEROMETER
 from flexgen.loop.channels import MOTORS, Channels, channels_of
@@ -137,21 +138,21 @@ class LearningResult(Result):
 
     def __repr__(self) -> str:
         errors = self.errors
-        first, best = (format_size(e, self.unit) for e in (errors[0], errors[self.best]))
+        scale = choose_scale(errors, self.unit)
+        first, best = (scale.text(e) for e in (errors[0], errors[self.best]))
         return f"<LearningResult {self.runs[0].model.name}: {first} -> {best}>"
 
     def __str__(self) -> str:
         """The errors of all iterations."""
+        each = [*self.errors, *self.dynamic_errors, *self.measured_errors]
+        scale = choose_scale(each, self.unit)
         rows = [
-            f"  {k}: {format_size(e, self.unit)}{' (best)' * (k == self.best)}"
+            f"  {k}: {scale.text(e)}{' (best)' * (k == self.best)}"
             for k, e in enumerate(self.errors)
         ]
         if self.measured_by != TRACKER:
             parts = zip(self.dynamic_errors, self.measured_errors, strict=True)
-            u = self.unit
-            more = [
-                f", dynamic {format_size(d, u)}, estimated {format_size(e, u)}" for d, e in parts
-            ]
+            more = [f", dynamic {scale.text(d)}, estimated {scale.text(e)}" for d, e in parts]
             rows = [row + text for row, text in zip(rows, more, strict=True)]
         head = (
             f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "

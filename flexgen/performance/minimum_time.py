@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from flexgen.deadline import OutOfTime, running
+from flexgen.display import choose_scale
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.solution import Solution, format_size
+from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.limit_use import limit_rows
@@ -156,8 +157,10 @@ class FastestMove(Result):
         assumed = filter(None, [", ".join(f"{name} {x:.3g}" for name, x in self.assumed.items())])
         change = 100 * (self.duration_s / self.default_s - 1)
         compared = f"{abs(change):.0f} % {'more' if change > 0 else 'less'}"
+        both = [*self.vibration.values(), *self.default_vibration.values()]
+        scale = choose_scale(both, self.unit)
         swings = ", ".join(
-            f"{name}: {format_size(x, self.unit)} ({format_size(self.default_vibration[name], self.unit)} as given)"
+            f"{name}: {scale.text(x)} ({scale.text(self.default_vibration[name])} as given)"
             for name, x in self.vibration.items()
         )
         return "\n".join(

@@ -6,6 +6,7 @@ import numpy as np
 
 from flexgen.calibration.parameters import FRAME, Unknown
 from flexgen.calibration.result import Calibration
+from flexgen.display import choose_scale
 from flexgen.reports.text_tables import number, table
 
 SHOWN = {"zeros": ".zero", "compliances": ".compliance", "mechanisms": ".mimic.", "masses": ".mass"}
@@ -20,23 +21,25 @@ def text_of_calibration(found: Calibration) -> str:
         ("calibrated without the pose", found.errors_held_out),
         ("the same, the other trackers of the pose seen", found.errors_seen),
     ]
-    rows = [
-        [label, *(float(1e3 * f(e)) for f in (np.nanmean, np.nanstd, np.nanmax))]
+    statistics = [
+        (label, [float(f(e)) for f in (np.nanmean, np.nanstd, np.nanmax)])
         for label, e in errors
         if e is not None
     ]
-    parts = [
-        title,
-        table(
-            rows, ("distance of the trackers from the model", "mean, mm", "sd, mm", "largest, mm")
-        ),
-    ]
-    parts.append(f"mean sag under gravity {1e3 * float(np.nanmean(found.sag)):.3g} mm")
+    sag = float(np.nanmean(found.sag))
+    noise = 0.0 if found.tilt is None else found.tilt.noise_m
+    scale = choose_scale([sag, noise, *(x for _, each in statistics for x in each)], "m")
+    rows = [[label, *map(scale.cell, each)] for label, each in statistics]
+    head = (f"{what}, {scale.unit}" for what in ("mean", "sd", "largest"))
+    parts = [title, table(rows, ("distance of the trackers from the model", *head))]
+    parts.append(f"mean sag under gravity {scale.text(sag)}")
     if found.tilt is not None:
-        turns = ", ".join(f"{1e3 * x:.2g}" for x in found.tilt.tilt_rad)
+        angles = [float(x) for x in found.tilt.tilt_rad]
+        turn = choose_scale(angles, "rad")
+        turns = ", ".join(number(turn.cell(x), 2) for x in angles)
         parts.append(
-            f"from pose to pose: noise of a point {1e3 * found.tilt.noise_m:.2g} mm an axis, tilt of "
-            f"{found.tilt.element} {turns} mrad (x, y, z), standard deviations"
+            f"from pose to pose: noise of a point {scale.text(noise)} an axis, tilt of "
+            f"{found.tilt.element} {turns} {turn.unit} (x, y, z), standard deviations"
         )
     values, sd, determined = found.values, found.sd, found.determined
     listed = [u for u in found.unknowns if any(word in u.name for word in SHOWN.values())]

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.benchmarks.score import Score
+from flexgen.display import Scales
 from flexgen.loop.plants import NOMINAL
 from flexgen.loop.result import UNITS, ControlRun
 from flexgen.mechanics.output_columns import columns_in
 from flexgen.performance.learn import LearningResult
 from flexgen.plots import control as plots
-from flexgen.reports.html import accuracy_tables, head, html_table, number
+from flexgen.reports.control_texts import has_accuracy
+from flexgen.reports.html import accuracy_tables, head, html_table, length, number, scales_of_page
 from flexgen.reports.pictures import Picture
 from flexgen.reports.result_page import write_page
 
@@ -61,14 +63,24 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
         ("simulated time", number(len(run.runs) * float(np.ptp(run.reference.time))), "s"),
         ("time of the simulation", number(run.wall_s), "s"),
     ]
+    lengths = [
+        (run.figures(r)[f"{key}_{u}"], u)
+        for r in run.runs
+        if not r.failure
+        for u in UNITS
+        for key in KEYS
+    ]
+    accuracy = run.accuracy() if has_accuracy(run) else None
+    lengths += accuracy.lengths() if accuracy is not None else []
+    scales = scales_of_page((), *lengths)
     parts = [
         head(title),
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(run.model.description)}.</p>\n',
         "<h2>Loop</h2>\n",
         html_table(("quantity", "value", "unit"), facts, (1,)),
         "<h2>Errors</h2>\n",
-        _errors(run),
-        accuracy_tables(run.accuracy()) if any(not r.failure for r in run.runs) else "",
+        _errors(run, scales),
+        accuracy_tables(accuracy, scales) if accuracy is not None else "",
         _margins(run),
     ]
     return write_page(Path(directory), parts, drawn)
@@ -88,20 +100,22 @@ def _forces(run: ControlRun) -> list[tuple[str, float, str]]:
     return rows
 
 
-def _errors(run: ControlRun) -> str:
+def _errors(run: ControlRun, scales: Scales) -> str:
     rows = []
     units = [u for u in UNITS if columns_in(run.model, u)]
     for r in run.runs:
         f = run.figures(r)
         values = [
-            "-" if r.failure else number(1e3 * f[f"{key}_{u}"]) for u in units for key in KEYS
+            "-" if r.failure else length(scales[u], f[f"{key}_{u}"], 4)
+            for u in units
+            for key in KEYS
         ]
         torque = "-" if r.failure else number(f["torque_max_Nm"])
         rows.append(
             (html.escape(r.name), *values, torque, str(r.saturated), html.escape(r.failure))
         )
     names = ("largest", "largest dynamic", "at rest before", "at rest after")
-    errors = [f"{name}, m{u}" for u in units for name in names]
+    errors = [f"{name}, {scales[u].unit}" for u in units for name in names]
     columns = ("robot", *errors, "torque, N m", "samples at the limit", "failure")
     words = (
         "<p>Static errors are those at rest before and after the motion, of a robot with other springs or load; the "
@@ -210,18 +224,22 @@ def write_learned(learned: LearningResult, directory: str | Path) -> Path:
     run, unit = learned.runs[0], learned.unit
     title = f"{run.model.title}: learning of move {run.solution.move.name}"
     rows = []
-    for k, (r, correction) in enumerate(zip(learned.runs, learned.corrections, strict=True)):
+    own = columns_in(run.model, unit)
+    sizes = [float(np.abs(x[:, own]).max()) for x in learned.corrections]
+    found = [r.figures(r[learned.plant]) for r in learned.runs if not r[learned.plant].failure]
+    keys = tuple(f"{key}_{unit}" for key in ("error_max", "dynamic_error_max"))
+    lengths = [*sizes, *(f[key] for f in found for key in keys)]
+    scale = scales_of_page((), *((x, unit) for x in lengths))[unit]
+    for k, (r, size) in enumerate(zip(learned.runs, sizes, strict=True)):
         f = r.figures(r[learned.plant])
         failed = r[learned.plant].failure
-        shown = [1e3 * f[f"{key}_{unit}"] for key in ("error_max", "dynamic_error_max")] + [
-            f["torque_max_Nm"]
-        ]
-        values = ["-" if failed else number(x) for x in shown]
-        largest = number(1e3 * float(np.abs(correction[:, columns_in(run.model, unit)]).max()))
+        shown = [*(length(scale, f[key], 4) for key in keys), number(f["torque_max_Nm"])]
+        values = ["-" if failed else x for x in shown]
+        largest = length(scale, size, 4)
         rows.append(
             (f"{k}{', best' if k == learned.best else ''}", *values, largest, html.escape(failed))
         )
-    told = [f"{what}, m{unit}" for what in ("error", "dynamic error", "largest correction")]
+    told = [f"{what}, {scale.unit}" for what in ("error", "dynamic error", "largest correction")]
     columns = ("iteration", *told[:2], "torque, N m", told[2], "failure")
     load = run[learned.plant].load
     words = (

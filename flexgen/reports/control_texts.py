@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from flexgen.display import thousandths
+from flexgen.display import Scales, choose_scale, choose_scales, figure_rows
 from flexgen.reports.text_tables import number, paragraph, table
 
 if TYPE_CHECKING:
@@ -18,25 +18,58 @@ if TYPE_CHECKING:
     from flexgen.loop.margins import Margins
     from flexgen.loop.result import ControlRun
 
+ERRORS = ("error_max", "dynamic_error_max", "error_end")  # keys of `ControlRun.figures`
 
-def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = None) -> str:
-    """Errors and torques of the robots, their loads, and the stability margins; ``margins``: where they are known."""
+
+def lengths_of_run(run: ControlRun) -> list[tuple[float | None, str]]:
+    """Errors and figures of accuracy of the robots that have them, with their units."""
+    from flexgen.loop.result import UNITS
+
+    found = [
+        (run.figures(r)[f"{key}_{u}"], u)
+        for r in run.runs
+        if not r.failure
+        for u in UNITS
+        for key in ERRORS
+    ]
+    return [*found, *(run.accuracy().lengths() if has_accuracy(run) else [])]
+
+
+def lengths_of_comparison(compared: FeedforwardComparison) -> list[tuple[float | None, str]]:
+    """Errors with no, rigid and elastic feedforward, with their units."""
+    return [(row[name], row["unit"]) for row in compared.rows() for name in compared.runs]
+
+
+def has_accuracy(run: ControlRun) -> bool:
+    """Whether the figures of ISO 9283 have a meaning: a robot came to rest, no loop is unstable."""
+    return any(not r.failure for r in run.runs) and not run.unstable
+
+
+def text_of_control(
+    run: ControlRun,
+    margins: Mapping[str, Margins] | None = None,
+    scales: Scales | None = None,
+) -> str:
+    """Errors and torques of the robots, their loads, and the stability margins.
+
+    ``margins``: where they are known; ``scales``: units of lengths and angles of a report with
+    more of them.
+    """
     from flexgen.loop.result import UNITS
     from flexgen.mechanics.output_columns import columns_in
 
+    scales = choose_scales((), *lengths_of_run(run)) if scales is None else scales
     units = [u for u in UNITS if columns_in(run.model, u)]
     touched = any(r.contact is not None for r in run.runs)
     rows = []
     for r in run.runs:
         f = run.figures(r)
-        lengths = [
-            thousandths(f[f"{key}_{u}"])
-            for u in units
-            for key in ("error_max", "dynamic_error_max", "error_end")
-        ]
+        lengths = [scales[u].cell(f[f"{key}_{u}"]) for u in units for key in ERRORS]
         force = [f["contact_max_N"]] if touched else []
         rows.append([r.name, *lengths, f["torque_max_Nm"], *force, r.saturated, r.failure])
-    errors = (f"{what}, m{u}" for u in units for what in ("error", "dynamic", "at the end"))
+    errors = (
+        f"{what}, {scales[u].unit}" for u in units for what in ("error", "dynamic", "at the end")
+    )
     margins = run.margins() if margins is None else margins
     unstable = ", ".join(pose for pose, m in (margins or {}).items() if not m.stable)
     lines = [
@@ -62,8 +95,8 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
         ),
         *(f"{r.name}: load {r.load}" for r in run.runs if r.load),
     ]
-    if any(not r.failure for r in run.runs):
-        lines += ["", accuracy_text(run.accuracy())]
+    if has_accuracy(run):
+        lines += ["", accuracy_text(run.accuracy(), scales)]
     if margins:
         lines += ["", margins_text(margins, "pose")]
     return "\n".join(lines)
@@ -102,14 +135,18 @@ def _found(value: float) -> float | str:
     return value if math.isfinite(value) else "-"
 
 
-def feedforward_text(compared: FeedforwardComparison) -> str:
+def feedforward_text(compared: FeedforwardComparison, scales: Scales | None = None) -> str:
     """The errors of one move with no, rigid and elastic feedforward, and what is missing."""
     names = [*compared.runs]
+    scales = choose_scales((), *lengths_of_comparison(compared)) if scales is None else scales
     rows = [
         [
             row["robot"],
-            f"{row['what']}, m{row['unit']}",
-            *("failed" if row[name] is None else thousandths(row[name]) for name in names),
+            f"{row['what']}, {scales[row['unit']].unit}",
+            *(
+                "failed" if row[name] is None else scales[row["unit"]].cell(row[name])
+                for name in names
+            ),
         ]
         for row in compared.rows()
     ]
@@ -141,18 +178,21 @@ def tuning_text(tuned: CascadeTuning) -> str:
     ]
     units = ("position gain, 1/s", "speed gain, N m s/rad", "speed, Hz", "integral gain, 1/s")
     head = ["motor", *(name for unit in units for name in (unit, "after"))]
+    keys = [
+        f"{name}_{when}"
+        for name in ("dynamic_error_max", "error_max")
+        for when in ("before", "after")
+    ]
+    found = tuned.errors()
+    scale = choose_scale([row[key] for row in found for key in keys], tuned.run.unit)
     errors = [
         [
             row["robot"],
-            *(
-                "failed" if row[f"{name}_{when}"] is None else thousandths(row[f"{name}_{when}"])
-                for name in ("dynamic_error_max", "error_max")
-                for when in ("before", "after")
-            ),
+            *("failed" if row[key] is None else scale.cell(row[key]) for key in keys),
         ]
-        for row in tuned.errors()
+        for row in found
     ]
-    unit = f"m{tuned.run.unit}"
+    unit = scale.unit
     margins = {"before": tuned.start_margins, "after": tuned.margins}
     required = tuned.required
     saved = 100.0 * (1.0 - tuned.history[-1]) if tuned.history else 0.0
@@ -175,16 +215,16 @@ def tuning_text(tuned: CascadeTuning) -> str:
     )
 
 
-def accuracy_text(found: PathAccuracy) -> str:
+def accuracy_text(found: PathAccuracy, scales: Scales) -> str:
     """Figures of ISO 9283 of the robots together, and those of each."""
     title = (
         f"ISO 9283, over {len(found.robots)} robots"
         if len(found.robots) > 1
         else "ISO 9283, one robot"
     )
-    return "\n".join(
-        [table(found.rows(), (title, "")), "", table(found.robot_rows(), found.robot_columns)]
-    )
+    columns, rows = found.robot_table(scales)
+    shown = figure_rows(found.figures(), scales)
+    return "\n".join([table(shown, (title, "")), "", table(rows, columns)])
 
 
 def scores_text(scenario: Scenario, scores: Sequence[Score]) -> str:

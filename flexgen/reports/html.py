@@ -15,6 +15,7 @@ from flexgen.accuracy.figures import PathAccuracy
 from flexgen.analysis.analyze import Analysis, analyze
 from flexgen.analysis.zeros import ON_AXIS
 from flexgen.atomic_files import write_text
+from flexgen.display import NOISE, SPEED, Scales, UnitScale, choose_scales
 from flexgen.errors import SolverError
 from flexgen.inversion.comparison import error_rows
 from flexgen.inversion.solution import Figure, Solution
@@ -24,7 +25,6 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.plots import solution as plots
-from flexgen.plots.canvas import measure
 from flexgen.reports.folder import PAGE, check_folder, foot
 from flexgen.reports.motion import write_motion
 from flexgen.reports.pictures import Picture, pictures
@@ -61,10 +61,21 @@ def number(x: float | None, digits: int = 4) -> str:
     return text.replace("-", "\N{MINUS SIGN}")
 
 
-def _measure(value: float, unit: str) -> tuple[str, str]:
-    """A value as text, and its prefixed unit."""
-    number, shown = measure(value, unit)
-    return html.escape(number), html.escape(shown)
+def scales_of_page(
+    figures: Iterable[Figure], *more: tuple[float | None, str]
+) -> dict[str, UnitScale]:
+    """`choose_scales` with the names of units that a page has: the micro sign for u."""
+    scales = choose_scales(figures, *more)
+    named = {unit: scale.unit.replace("u", "\N{MICRO SIGN}") for unit, scale in scales.items()}
+    return {unit: scale._replace(unit=named[unit]) for unit, scale in scales.items()}
+
+
+def length(scale: UnitScale, value: float | None, digits: int = 3) -> str:
+    """A length or angle [SI] as HTML, in the unit of the report."""
+    cell = scale.cell(value)
+    if isinstance(cell, str):
+        return number(None) if cell == "-" else html.escape(cell)
+    return number(cell, digits)
 
 
 def _complex(z: complex) -> str:
@@ -94,9 +105,13 @@ def html_table(
     return f'<div class="wide"><table><thead>{row(head, "th")}</thead><tbody>\n{body}\n</tbody></table></div>\n'
 
 
-def _summary(solution: Solution) -> str:
+def _summary(solution: Solution, scales: Scales) -> str:
     t = solution.trajectory.time
-    rows = [_summary_row(figure) for figure in solution.figures() if figure.value not in (None, "")]
+    rows = [
+        _summary_row(figure, scales)
+        for figure in solution.figures()
+        if figure.value not in (None, "")
+    ]
     if solution.simulation is None:
         rows.append(("verification", "not done", ""))
     rows += [
@@ -112,33 +127,28 @@ def _summary(solution: Solution) -> str:
     )
 
 
-def accuracy_tables(found: PathAccuracy) -> str:
+def accuracy_tables(found: PathAccuracy, scales: Scales) -> str:
     """Path accuracy, repeatability, settling and speed of robots together, and those of each of several."""
-    rows = [_summary_row(figure) for figure in found.figures() if figure.value is not None]
-    each = (
-        [(html.escape(name), *row) for name, *row in found.robot_rows()]
-        if len(found.robots) > 1
-        else []
-    )
+    rows = [_summary_row(figure, scales) for figure in found.figures() if figure.value is not None]
+    columns, of_robots = found.robot_table(scales)
+    each = [tuple(map(html.escape, row)) for row in of_robots] if len(of_robots) > 1 else []
     return (
         "<h2>Accuracy in the sense of ISO 9283</h2>\n"
         + html_table(("quantity", "value", "unit"), rows, (1,))
-        + (
-            html_table(found.robot_columns, each, range(1, len(found.robot_columns)))
-            if each
-            else ""
-        )
+        + (html_table(columns, each, range(1, len(columns))) if each else "")
     )
 
 
-def _summary_row(figure: Figure) -> tuple[str, str, str]:
-    """A row of the summary; status as a colored label, lengths and angles with a prefix."""
+def _summary_row(figure: Figure, scales: Scales) -> tuple[str, str, str]:
+    """A row of the summary; status as a colored label, lengths and angles in their units."""
     label, value, unit, key = figure
     if key == "status":
         bad = "" if value == Status.SOLVED else " bad"
         return label, f'<span class="status{bad}">{html.escape(str(value))}</span>', ""
-    if isinstance(value, float) and unit in ("m", "rad"):
-        return label, *_measure(value, unit)
+    if isinstance(value, float) and unit in scales:
+        return label, length(scales[unit], value), scales[unit].unit
+    if isinstance(value, float) and key.startswith(SPEED) and 0.0 < abs(value) < NOISE:
+        return label, html.escape(f"< {NOISE:.0e}"), unit
     if isinstance(value, float):
         return label, number(value), unit
     return label, html.escape(str(value)), unit
@@ -235,14 +245,16 @@ def _side(z: complex) -> str:
     )
 
 
-def _comparison(compared: tuple[Solution, ...]) -> str:
+def _comparison(compared: tuple[Solution, ...], scales: Scales) -> str:
     """Table of the tool errors of several methods."""
     rows = error_rows(compared)
     units = [unit for unit in ("m", "rad") if any(f"largest_{unit}" in row for row in rows)]
-    columns = ["method"] + [f"largest {'distance' if unit == 'm' else 'angle'}" for unit in units]
+    columns = ["method"] + [
+        f"largest {'distance' if unit == 'm' else 'angle'}, {scales[unit].unit}" for unit in units
+    ]
     cells = [
         [html.escape(row["method"])]
-        + [" ".join(_measure(row[f"largest_{unit}"], unit)) for unit in units]
+        + [length(scales[unit], row[f"largest_{unit}"]) for unit in units]
         for row in rows
     ]
     note = (
@@ -258,7 +270,7 @@ def _comparison(compared: tuple[Solution, ...]) -> str:
     )
 
 
-def _robustness(rows: list[dict[str, Any]]) -> str:
+def _robustness(rows: list[dict[str, Any]], scales: Scales) -> str:
     """Tables of the largest tool errors on robots that differ from the model: rows are robots, columns are methods."""
     methods, plants = (list(dict.fromkeys(row[key] for row in rows)) for key in ("method", "plant"))
     meaning = {
@@ -283,16 +295,26 @@ def _robustness(rows: list[dict[str, Any]]) -> str:
             cells = [
                 [
                     html.escape(plant),
-                    *(" ".join(_measure(errors[plant, method], unit)) for method in methods),
+                    *(length(scales[unit], errors[plant, method]) for method in methods),
                 ]
                 for plant in plants
             ]
             what = "distance" if unit == "m" else "angle"
-            out.append(f"<h3>{control.capitalize()}, {what}: {meaning[control]}</h3>\n")
+            of = f"{control.capitalize()}, {what} in {scales[unit].unit}"
+            out.append(f"<h3>{of}: {meaning[control]}</h3>\n")
             out.append(
                 html_table(["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1))
             )
     return "".join(out)
+
+
+def _errors_of_robots(
+    compared: tuple[Solution, ...], robustness: list[dict[str, Any]]
+) -> list[tuple[float | None, str]]:
+    """Tool errors of the tables by method and of robustness, with their units."""
+    by_method = error_rows(compared) if len(compared) > 1 else []
+    found = [(row.get(f"largest_{unit}"), unit) for row in by_method for unit in ("m", "rad")]
+    return found + [(row[f"error_max_{unit}"], unit) for row in robustness for unit in ("m", "rad")]
 
 
 def _library_table(generated: Any) -> str:
@@ -360,20 +382,26 @@ def write_report(
     motion = write_motion(
         equations, solution.trajectory, solution.simulation, directory, solution.move.duration
     )
+    accuracy = solution.accuracy() if solution.simulation is not None else None
+    scales = scales_of_page(
+        solution.figures(),
+        *(accuracy.lengths() if accuracy is not None else []),
+        *_errors_of_robots(verified, robustness or []),
+    )
     title = f"{model.title}, move {solution.move.name}"
     parts = [
         head(title),
         _introduction(title, model, solution),
         "<h2>Summary</h2>\n",
-        _summary(solution),
-        accuracy_tables(solution.accuracy()) if solution.simulation is not None else "",
+        _summary(solution, scales),
+        accuracy_tables(accuracy, scales) if accuracy is not None else "",
         "<h2>Plots</h2>\n",
         ""
         if motion is None
         else f'<p><a href="{motion.name}">The moving robot</a> (an animation)</p>\n',
         *(figure_element(picture, directory) for picture in drawn),
-        _comparison(verified) if len(verified) > 1 else "",
-        _robustness(robustness) if robustness else "",
+        _comparison(verified, scales) if len(verified) > 1 else "",
+        _robustness(robustness, scales) if robustness else "",
         "<h2>Motors</h2>\n",
         _motors(model, solution, limits or Limits()),
         "<h2>Dynamics at the start of the move</h2>\n" + dynamics_tables(analysis)

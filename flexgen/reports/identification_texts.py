@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.display import choose_scales
 from flexgen.reports.text_tables import number, paragraph, table
 
 if TYPE_CHECKING:
@@ -137,16 +138,16 @@ def verdict_text(verdict: Verdict) -> str:
     """Tool errors of feedforward before and after an identification."""
     robots = "x the robot of --truth" if verdict.known else "robots drawn from the covariance"
     kinds = [unit for unit in ("m", "rad") if getattr(verdict.rows[0], f"error_{unit}") is not None]
+    quantiles = [(unit, part) for unit in kinds for part in (0.5, 0.95)]
+    found = [{key: row.quantile(key[1], key[0]) for key in quantiles} for row in verdict.rows]
+    scales = choose_scales((), *((row[key], key[0]) for row in found for key in quantiles))
     rows = [
-        [
-            row.model,
-            *(1e6 * (row.quantile(part, unit) or 0.0) for unit in kinds for part in (0.5, 0.95)),
-        ]
-        for row in verdict.rows
+        [one.model, *(scales[key[0]].cell(row[key]) for key in quantiles)]
+        for one, row in zip(verdict.rows, found, strict=True)
     ]
     head = (
         "torques of the model",
-        *(f"{what}, u{u}" for u in kinds for what in ("median", "95 %")),
+        *(f"{what}, {scales[u].unit}" for u in kinds for what in ("median", "95 %")),
     )
     title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} {robots}:"
     return f"{title}\n\n{table(rows, head)}"

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from flexgen.display import NOISE, plain
+from flexgen.display import choose_scales, plain
 from flexgen.reports.text_tables import figures, number, one_line, paragraph, roots, table
 
 if TYPE_CHECKING:
@@ -272,25 +272,18 @@ def _millionths(values: Sequence[float]) -> str:
     )
 
 
-def _small_row(what: str, value: float | None, unit: str) -> Row:
-    """A row of a small length [m] or angle [rad]: below 1e-3 in millionths, else in thousandths."""
-    if value is None:
-        return what, None, ""
-    if 0.0 < value < NOISE:
-        return what, f"< {1e6 * NOISE:.1g}", f"u{unit}"
-    return (what, 1e3 * value, f"m{unit}") if value >= 1e-3 else (what, 1e6 * value, f"u{unit}")
-
-
 def figure_rows(result: Solution | Simulation) -> list[Row]:
-    """Label, value and unit of the figures of a result; lengths and angles in millionths or thousandths."""
-    rows = []
-    for label, value, unit, _ in result.figures():
-        value = plain(value)
-        rows.append(
-            _small_row(label, value, unit)
-            if unit in ("m", "rad")
-            else (label, None if value == "" else value, unit)
-        )
+    """Label, value and unit of the figures of a result; lengths have one unit, angles too."""
+    found = [figure._replace(value=plain(figure.value)) for figure in result.figures()]
+    scales = choose_scales(found)
+    rows: list[Row] = []
+    for label, value, unit, _ in found:
+        if value is None or value == "":
+            rows.append((label, None, ""))
+        elif unit in scales:
+            rows.append((label, scales[unit].cell(float(value)), scales[unit].unit))
+        else:
+            rows.append((label, value, unit))
     return rows
 
 

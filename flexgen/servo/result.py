@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from flexgen.atomic_files import write_text
-from flexgen.display import Figure, figure_rows, format_size, plain
+from flexgen.display import Figure, choose_scales, figure_rows, plain
 from flexgen.inversion.status import Status
 from flexgen.loop.result import ControlRun
 from flexgen.results import Result
@@ -177,16 +177,18 @@ class PositionCommands(Result):
         )
 
     def _rows(self) -> list[tuple[str, str]]:
-        largest = zip(
-            self.joints,
-            self.units,
+        speed, acceleration = (
             np.abs(self.speed).max(axis=0),
             np.abs(self.acceleration).max(axis=0),
-            strict=True,
         )
+        speeds = choose_scales((), *zip(speed.tolist(), self.units, strict=True))
+        accelerations = choose_scales((), *zip(acceleration.tolist(), self.units, strict=True))
         shown = [
-            (f"{name}, commanded up to", f"{format_size(v, u)}/s, {format_size(a, u)}/s^2")
-            for name, u, v, a in largest
+            (
+                f"{name}, commanded up to",
+                f"{speeds[u].text(v)}/s, {accelerations[u].text(a)}/s^2",
+            )
+            for name, u, v, a in zip(self.joints, self.units, speed, acceleration, strict=True)
         ]
         return [*figure_rows(self.figures()), *shown]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.display import Figure, both_measured, figure_rows, plain
+from flexgen.display import Figure, both_measured, choose_scales, figure_rows, plain
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.output_columns import output_labels, output_units, turn_angle
 from flexgen.numerics.evaluate import evaluate
@@ -169,11 +169,12 @@ def error_figures(
 def error_lines(simulation: Simulation, what: str = "tool") -> list[str]:
     """The errors of the output, each with its name and the conditions under which it holds."""
     run = simulation
-    errors = both_measured(run.tool_error_max_m, run.tool_error_max_rad)
+    scales = choose_scales(error_figures(run))
+    errors = both_measured(run.tool_error_max_m, run.tool_error_max_rad, scales)
     if not errors:
         return [f"{what} error not measured (the trajectory has no reference)"]
     until = f" until {run.held_s:g} s after the end" if run.held_s else ""
-    later = both_measured(run.later_error_max_m, run.later_error_max_rad)
+    later = both_measured(run.later_error_max_m, run.later_error_max_rad, scales)
     more = f", {later} until {AFTER:g} s" if later else ""
     growth = (
         ""
@@ -190,10 +191,10 @@ def error_lines(simulation: Simulation, what: str = "tool") -> list[str]:
         found = (
             "not determined"
             if alone is None
-            else both_measured(alone.tool_error_max_m, alone.tool_error_max_rad)
+            else both_measured(alone.tool_error_max_m, alone.tool_error_max_rad, scales)
         )
         lines = [with_feedback, run.feedback.title, f"{what} error open loop {found}{growth}"]
-    defect = both_measured(run.defect_max_m, run.defect_max_rad)
+    defect = both_measured(run.defect_max_m, run.defect_max_rad, scales)
     return [*lines, *([f"defect {defect}"] if defect else [])]
 
 

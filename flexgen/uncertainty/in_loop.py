@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.display import format_size
+from flexgen.display import Scales, format_size
 from flexgen.loop.control import control
 from flexgen.loop.result import UNITS, ControlRun
 from flexgen.model.elements import RobotModel
@@ -68,10 +68,10 @@ def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> d
     return out
 
 
-def error_text(found: dict[str, Any]) -> str:
-    """What `error_in_loop` returns in words."""
+def error_text(found: dict[str, Any], scales: Scales | None = None) -> str:
+    """The result of `error_in_loop` in words."""
     sizes = [
-        f"<= {format_size(found[f'error_{u}'], u)}"
+        f"<= {format_size(found[f'error_{u}'], u, scales)}"
         for u in UNITS
         if found[f"error_{u}"] is not None
     ]

@@ -109,7 +109,10 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
         )
         rigid = functools.partial(verified, name, "rigid", Status.BASELINE, simulation=None)
         for label, make in (("solved", one), ("limited", limited), ("not verified", rigid)):
-            yield f"{name} {label}, summary", lambda make=make: html._summary(make())
+            yield (
+                f"{name} {label}, summary",
+                lambda make=make: html._summary(make(), html.scales_of_page(make().figures())),
+            )
             yield (
                 f"{name} {label}, words",
                 lambda make=make: [sentence.in_words(make()), str(make())],
@@ -132,7 +135,10 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
         )
         yield (
             f"{name} comparison",
-            lambda one=one, limited=limited: html._comparison((one(), limited())),
+            lambda one=one, limited=limited: html._comparison(
+                (one(), limited()),
+                html.scales_of_page((), *html._errors_of_robots((one(), limited()), [])),
+            ),
         )
     bounds = Limits(torque=(5.0, 1234.5), speed=(2.0, 1e6))
     yield (
@@ -154,7 +160,10 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
             for m in ("lq", "fjm")
         )
     ]
-    yield "robustness", lambda: html._robustness(rows)
+    yield (
+        "robustness",
+        lambda: html._robustness(rows, html.scales_of_page((), *html._errors_of_robots((), rows))),
+    )
     generated = Made(
         functions=("a", "b<c"), files=("src/model.c", "model.h"), digest="0123456789abcdef0123"
     )
@@ -373,6 +382,7 @@ def loop_figures() -> dict[str, Any]:
         ("robot 0", "robot 2"), "m", 5e-5, *figures, *each, *angles, 1e-3, 9e-4, 2e-4
     )
     return {
+        "unstable": {},
         "accuracy": lambda: accuracy,
         "status": "done",
         "hardware": Made(sample_s=1e-3, encoder_noise_rad=2e-5),

@@ -105,7 +105,7 @@ def test_learning_is_told_by_iterations(monkeypatch: pytest.MonkeyPatch) -> None
     assert turned.errors_m == turned.dynamic_errors_m == turned.measured_m == ()
     lines = str(turned).splitlines()
     assert lines[0] == head + ", load 2 kg"
-    assert lines[2] == "  1: 1 mrad (best), dynamic 500 urad, estimated 900 urad"
+    assert lines[2] == "  1: 1 mrad (best), dynamic 0.5 mrad, estimated 0.9 mrad"
 
 
 def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(
@@ -459,7 +459,7 @@ def test_the_tables_of_new_springs_can_be_read_again() -> None:
     }
 
 
-def test_a_verdict_in_words_has_its_quantiles_in_micrometers() -> None:
+def test_a_verdict_in_words_has_its_quantiles_in_one_unit() -> None:
     def row(model: str, median: float | None, high: float) -> Any:
         parts = {0.5: median, 0.95: high}
         return SimpleNamespace(
@@ -470,10 +470,10 @@ def test_a_verdict_in_words_has_its_quantiles_in_micrometers() -> None:
     made: Any = SimpleNamespace(known=False, rows=rows, move="line", robots=24)
     text = verdict_text(made)
     assert "of the move line with motor feedback, 24 robots drawn from the covariance:" in text
-    assert "median, um" in text and "95 %, um" in text and "urad" not in text
+    assert "median, mm" in text and "95 %, mm" in text and "rad" not in text
     assert [line.split() for line in text.splitlines()[-2:]] == [
-        ["before", "2000", "5000"],
-        ["after", "0", "100"],
+        ["before", "2", "5"],
+        ["after", "-", "0.1"],
     ]
     assert "24 x the robot of --truth:" in verdict_text(
         SimpleNamespace(**{**vars(made), "known": True})

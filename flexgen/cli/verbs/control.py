@@ -47,9 +47,16 @@ OF_MODELS = (
 
 def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ from it."""
+    from flexgen.display import choose_scales
     from flexgen.environment.disturbances import Disturbance
     from flexgen.loop.control import control as simulate
-    from flexgen.reports.control_texts import feedforward_text, text_of_control
+    from flexgen.reports.control_texts import (
+        feedforward_text,
+        lengths_of_comparison,
+        lengths_of_run,
+        text_of_control,
+    )
+    from flexgen.uncertainty.in_loop import error_text
 
     model = read_model(args)
     acting = {
@@ -60,26 +67,33 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     run = simulate(model, **acting, progress=throttle(log))
     margins = run.margins()
     data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
-    text = text_of_control(run, margins)
+    lengths = lengths_of_run(run)
+    compared = None
     if args.compare is not False and run.status == "done":
         from flexgen.loop.feedforward import compare_feedforward
 
         log("control: the same without feedforward, and with that of the rigid robot")
         compared = compare_feedforward(run, acting, progress=throttle(log))
         data["feedforward"] = compared.to_dict()
-        text += f"\n\n{feedforward_text(compared)}"
+        lengths += lengths_of_comparison(compared)
+    passivity = None
     if args.passivity:
         from flexgen.laws.passivity import check_passivity
 
         passivity = check_passivity(run)
         data["passivity"] = passivity.to_dict()
-        text += f"\n\n{passivity}"
     if model.uncertainty is not None and run.status == "done":
-        from flexgen.uncertainty.in_loop import error_in_loop, error_text
+        from flexgen.uncertainty.in_loop import error_in_loop
 
         options = keywords(args, "move", "plants", "disturbances", "wall", "assumed_force")
         data["drawn"] = error_in_loop(run, progress=throttle(log), wall=wall_of(args), **options)
-        text += f"\n\n{error_text(data['drawn'])}"
+        lengths += [(data["drawn"][f"error_{u}"], u) for u in ("m", "rad")]
+    scales = choose_scales((), *lengths)
+    parts = [text_of_control(run, margins, scales)]
+    parts += [feedforward_text(compared, scales)] if compared is not None else []
+    parts += [str(passivity)] if passivity is not None else []
+    parts += [error_text(data["drawn"], scales)] if "drawn" in data else []
+    text = "\n\n".join(parts)
     return with_files(text, data, written(args, run), "" if run.status == "done" else run.status)
 
 
