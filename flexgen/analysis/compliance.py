@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.linear import LinearModel
+from flexgen.analysis.linear import UNDAMPED, LinearModel
 from flexgen.analysis.second_order import with_motors_locked
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium
@@ -63,12 +63,17 @@ class ToolCompliance:
         )
 
     @cached_property
-    def frequencies(self) -> np.ndarray:
-        """Frequencies [Hz] that show every resonance with held motors; empty where nothing is elastic."""
+    def _roots(self) -> np.ndarray:
+        """Poles with held motors that oscillate, one of each pair [1/s]."""
         n = len(self.M)
         lower = np.linalg.solve(self.M, np.hstack([-self.K, -self.D]))
         roots = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower]))
-        roots = roots[roots.imag > 0]
+        return np.asarray(roots[roots.imag > 0])
+
+    @cached_property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies [Hz] that show every resonance with held motors; empty: nothing is elastic."""
+        roots = self._roots
         if not len(roots):
             return np.zeros(0)
         grid = np.geomspace(RANGE[0] * np.abs(roots).min(), RANGE[1] * np.abs(roots).max(), 300)
@@ -77,12 +82,19 @@ class ToolCompliance:
         return np.sort(w[(w >= grid[0]) & (w <= grid[-1])]) / (2 * np.pi)
 
     def resonance(self) -> tuple[float, float] | None:
-        """Frequency [Hz] and value [m/N] of the largest displacement by a unit force in any direction."""
+        """Frequency [Hz] and value [m/N] of the largest displacement by a unit force.
+
+        In any direction. The value is infinite where the mode at this frequency has no damping:
+        what is computed then is the rounding error of a damping of zero.
+        """
         if not len(self.frequencies):
             return None
         largest = np.linalg.norm(self.response(self.frequencies)[:, :3, :3], 2, axis=(1, 2))
         k = int(largest.argmax())
-        return float(self.frequencies[k]), float(largest[k])
+        hz = float(self.frequencies[k])
+        root = self._roots[np.abs(self._roots.imag - 2 * np.pi * hz).argmin()]
+        undamped = abs(root.real) < UNDAMPED * abs(root)
+        return hz, float("inf") if undamped else float(largest[k])
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units."""

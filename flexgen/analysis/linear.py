@@ -24,6 +24,9 @@ SPREAD = 1e7
 DIGITS = 1e-9
 # Part of a typical rate below which a pole is one at the origin that rounding has moved: as it is.
 ORIGIN = 1e-7
+# Damping ratio below which a mode has none: that of zero damping is computed as up to 1e-9 beside
+# stiff gears.
+UNDAMPED = 1e-7
 # Newton's steps for one root: each doubles the right digits, and the first guess has four or more.
 NEWTON_STEPS = 4
 # A refined root stays nearer to its first guess than this part of the distance to the next root.

@@ -279,7 +279,7 @@ def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
     tool = np.linalg.svd(arm.W_g[0], compute_uv=False)
     if distal and tool[-1] > TOOL * tool[0]:  # else the singular pose of the tool may be the reason
         text += f"; elasticity beyond the last actuator ({', '.join(distal)}) is the cause"
-    return [f"{text}; use lq"]
+    return [f"{text}; leave the method at auto, which tries lq and then spline"]
 
 
 def _distal(model: RobotModel) -> tuple[str, ...]:

@@ -23,7 +23,8 @@ class FitStatus(ExplainedStatus):
     )
     SMALL_ERROR = (
         "small error",
-        "The model agrees with the measurement to 0.1 % of the motion; the rest is more than the noise.",
+        "The model agrees with the measurement to 0.1 % of the motion or the responses; the rest is "
+        "more than the noise.",
         "Use the new model file. Standard deviations are not given: noise causes only a part of the errors.",
     )
     NOISE_TOO_LARGE = (

@@ -204,7 +204,7 @@ def _fit(
             left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
         )
     cost = best.cost / degrees
-    status = status_of_end(_status(best, cost, error, data), reason_of_end())
+    status = status_of_end(_status(best, cost, error, data, floor is not None), reason_of_end())
     causes: tuple[Cause, ...] = ()
     explicable = floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE
     if explicable and not is_over():
@@ -376,13 +376,17 @@ def _with_model_error(
     return error, residuals, best
 
 
-def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
+def _status(fit: Fit, cost: float, error: float, data: Frf, stated: bool) -> FitStatus:
+    """The status of a fit; ``stated``: the user has stated the model error."""
     if not fit.converged:
         return FitStatus.NOT_CONVERGED
     if fit.at_bound.any():
         return FitStatus.AT_BOUND
-    if error > SMALL_ERROR or cost > COST_MOST or any(TRANSIENT in line for line in data.warnings):
+    if error > SMALL_ERROR or any(TRANSIENT in line for line in data.warnings):
         return FitStatus.MODEL_ERROR
+    if cost > COST_MOST:
+        # A misfit that is known to be small, as that of responses without noise, is no model error.
+        return FitStatus.SMALL_ERROR if error > 0.0 and not stated else FitStatus.MODEL_ERROR
     # Responses without noise fit better than any noise allows, and rightly.
     if cost < COST_LEAST and data.relative_sd() > 1e-7:
         return FitStatus.NOISE_TOO_LARGE

@@ -169,11 +169,18 @@ class InversionProblem:
 
         return smoothness_report(self.equations, self.path, self.step)
 
+    @property
+    def notes(self) -> dict[str, list[str]]:
+        """Details of a solution: notes on the path that are not warnings; empty without any."""
+        path = self.path
+        lines = [line for line in path.notes if line not in path.warnings]
+        return {"notes": [f"move {path.move.name}: {line}" for line in lines]} if lines else {}
+
     @cached_property
     def too_rough(self) -> tuple[str, ...]:
         """Warnings where a path is too rough for a continuous torque, with the error, or its samples not at rest."""
         report, name = self.smoothness, self.path.move.name
-        moving = tuple(f"move {name}: {line}" for line in self.path.notes)
+        moving = tuple(f"move {name}: {line}" for line in self.path.warnings)
         if report.sufficient:
             return moving
         lines = report.lines()

@@ -638,5 +638,5 @@ def _make_solution(problem: InversionProblem, method: str, result: MethodResult)
             *result.warnings,
         ),
         intervals=result.intervals,
-        details=dict(result.details),
+        details={**result.details, **problem.notes},
     )

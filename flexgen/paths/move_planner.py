@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError, SolverError
+from flexgen.mechanics.output_columns import output_units
 from flexgen.model.elements import OF_ROTATION
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Vector, Where
 from flexgen.paths.blended_curve import MIN_CORNER_SPEED, BlendedCurve
@@ -29,6 +30,7 @@ from flexgen.paths.timed_segments import (
 
 if TYPE_CHECKING:
     from flexgen.inverse_kinematics.targets import Failure
+    from flexgen.paths.sample_files import Samples
     from flexgen.paths.spline import SplineCurve
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
@@ -308,7 +310,10 @@ class _Planner:
             expected = f"more than {move.degree} samples, or a lower degree"
             raise ModelError(move.file, 0, "file", f"{len(samples.values)} samples", expected)
         parts = [samples.part(*ends) for ends in pairwise([0, *turns, len(samples.values) - 1])]
-        curves = [SplineCurve(part, move.degree, move.radius, fixed, move.smooth) for part in parts]
+        unit = self._unit_of(samples)
+        curves = [
+            SplineCurve(part, move.degree, move.radius, fixed, move.smooth, unit) for part in parts
+        ]
         if samples.space == "joint":
             self.q_g = samples.values[0]
         else:
@@ -320,6 +325,17 @@ class _Planner:
             law = Clock(curves[0].length, (move.degree - 1) // 2)
             return [TimedSegment(samples.space, curves[0], law)]
         return self._there_and_back(samples.space, curves)
+
+    def _unit_of(self, samples: Samples) -> str:
+        """The SI units of the columns of samples, for a text."""
+        if samples.space == "joint":
+            units = {self.model.coordinates[i].unit for i in self.model.i_g}
+        elif samples.space == "output":
+            units = set(output_units(self.model))
+        else:
+            turns = samples.quaternions is not None or samples.values.shape[1] > POSITION
+            units = {"m", "rad"} if turns else {"m"}
+        return " or ".join(sorted(units))
 
     def _there_and_back(self, space: str, curves: Sequence[SplineCurve]) -> list[TimedSegment]:
         """Curves from turn to turn, with a stop at each.

@@ -106,6 +106,13 @@ class Path(Result):
         lines = (line for segment in self.segments for line in getattr(segment.curve, "notes", ()))
         return tuple(dict.fromkeys(lines))
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The `notes` that say what is wrong with the samples."""
+        segments = self.segments
+        lines = (line for one in segments for line in getattr(one.curve, "warnings", ()))
+        return tuple(dict.fromkeys(lines))
+
     def to_dict(self) -> dict[str, Any]:
         """Duration, start and segments as JSON types, SI units."""
         rows = [(s.space, s.start, s.law.duration, s.smoothness) for s in self.segments]

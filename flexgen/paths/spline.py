@@ -71,7 +71,8 @@ class SplineCurve:
 
     ``smooth`` > 0: the largest deviation from the samples, in the unit of each of their columns, of
     orientations as an angle [rad]; see `flexgen.paths.sample_smoothing`. ``notes``: sentences on
-    the samples, for a user.
+    the samples, for a user; ``warnings``: those of them that say what is wrong. ``unit``: of the
+    columns, for the notes.
 
     If the samples have times, the parameter is the time from 0, and the first ``(degree - 1)/2`` derivatives are zero
     at both ends: the path is at rest there. Otherwise the parameter is the arc length; if only the orientation changes,
@@ -85,6 +86,7 @@ class SplineCurve:
         radius: float,
         R_fixed: np.ndarray | None = None,
         smooth: float = 0.0,
+        unit: str = "rad or m",
     ) -> None:
         values, q = samples.values, samples.quaternions
         self.timed, self.radius, self.degree, self.fixed = samples.timed, radius, degree, R_fixed
@@ -99,7 +101,8 @@ class SplineCurve:
         self._moves = bool(np.ptp(values[:, : self.lengths], axis=0).max() > 0)
         self.smoothness = degree - 1
         inner = np.unique(spline.t)
-        self.notes = self._notes(samples, knots, spline, smooth)
+        self.warnings = self._warnings(samples, knots, spline, smooth)
+        self.notes = (*self.warnings, *self._remarks(smooth, unit))
         if self.timed:
             self.length = float(knots[-1]) * self.scale
             self.breaks = inner * self.scale if self.smoothness < JET - 1 else np.zeros(0)
@@ -142,7 +145,16 @@ class SplineCurve:
             ends = (at_rest, at_rest)
         return make_interp_spline(knots, both, k=degree, bc_type=ends)
 
-    def _notes(
+    def _remarks(self, smooth: float, unit: str) -> tuple[str, ...]:
+        """A sentence on a path near the samples: its deviation, with the unit of the columns."""
+        if not smooth:
+            return ()
+        return (
+            f"its path is at most {self.deviation:.2g} {unit} from the samples "
+            f"(smooth = {smooth:g} {unit}), with {self.inner_knots} knots",
+        )
+
+    def _warnings(
         self, samples: Samples, knots: np.ndarray, spline: BSpline, smooth: float
     ) -> tuple[str, ...]:
         """Sentences on samples that a path cannot follow: motion at an end, noise, kinks."""
@@ -150,10 +162,6 @@ class SplineCurve:
         many = len(samples.values) >= MANY
         notes = list(_in_motion(knots, values) if self.timed and many else ())
         if smooth:
-            notes.append(
-                f"its path is at most {self.deviation:.2g} from the samples (smooth = {smooth:g}), "
-                f"with {self.inner_knots} knots"
-            )
             return tuple(notes)
         names = samples.names or tuple(f"column {k + 1}" for k in range(self.width))
         scale = self.scale if self.timed else 1.0

@@ -29,6 +29,7 @@ from flexgen.reports.folder import PAGE, check_folder, foot
 from flexgen.reports.motion import write_motion
 from flexgen.reports.pictures import Picture, pictures
 from flexgen.reports.sentence import in_words
+from flexgen.reports.texts import damping_text
 
 _CSS = """
 body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; background: #fff;
@@ -214,7 +215,7 @@ def dynamics_tables(analysis: Analysis) -> str:
     modes = [(f, d) for f, d in analysis.modes if f > 1e-6 * top]
     out = ["<h3>Modes</h3>\n"]
     if modes:
-        rows = ((str(k + 1), number(f), number(100 * d, 3)) for k, (f, d) in enumerate(modes))
+        rows = ((str(k + 1), number(f), _damping(d)) for k, (f, d) in enumerate(modes))
         out.append(html_table(("mode", "frequency, Hz", "damping ratio, %"), rows, (0, 1, 2)))
     else:
         out.append("<p>No oscillatory mode.</p>\n")
@@ -232,6 +233,12 @@ def dynamics_tables(analysis: Analysis) -> str:
         preview = number(1e3 * analysis.zeros.preview_s, 3)
         out.append(f" Preview required for exact tracking (14 time constants): {preview} ms.")
     return "".join([*out, "</p>\n"])
+
+
+def _damping(ratio: float) -> str:
+    """A damping ratio in percent."""
+    found = damping_text(ratio, 100.0)
+    return html.escape(found) if isinstance(found, str) else number(found, 3)
 
 
 def _side(z: complex) -> str:

@@ -15,7 +15,7 @@ from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.plots import identification as plots
 from flexgen.reports.html import head, html_table, number
-from flexgen.reports.identification_texts import amplitude_sentence
+from flexgen.reports.identification_texts import amplitude_sentence, percent
 from flexgen.reports.pictures import Picture
 from flexgen.reports.result_page import write_page
 
@@ -112,11 +112,13 @@ def write_responses(data: Frf, directory: str | Path) -> Path:
 def _summary(identified: IdentificationResult) -> str:
     status = identified.status
     bad = "" if status.agrees else " bad"
+    error = identified.model_error
+    misfit = html.escape(percent(error)) if error > 0 else "none"
     rows = [
         ("status", f'<span class="status{bad}">{html.escape(str(status))}</span>', ""),
         ("mean square of the weighted residuals", number(identified.cost), "1 expected"),
         ("weights", identified.weights, ""),
-        ("model error", number(100 * identified.model_error), "% of the response"),
+        ("misfit beyond the noise", misfit, "% of the response" if error > 0 else ""),
         *([("grade", identified.grade.sentence, "")] if identified.grade is not None else []),
         ("starts at the best cost", f"{identified.agreed} of {identified.starts}", ""),
         ("poses", f"{len(identified.data.poses)}", ""),

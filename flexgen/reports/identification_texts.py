@@ -81,7 +81,7 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
         f"{data['model']}: {found.status}, cost {number(found.cost)} (1 expected), reached by {found.agreed} of "
         f"{found.starts} starts, {number(found.wall_s)} s",
         *(
-            [f"model error: {number(100 * found.model_error)} % of the responses"]
+            [f"misfit beyond the noise: {percent(found.model_error)} % of the responses"]
             if found.model_error > 0
             else []
         ),
@@ -92,6 +92,13 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
     ]
     graded = grade_table(found) if found.model_error > 0 else ""
     return _join("\n".join(lines), table(rows, PARAMETERS), graded, *more, _sentences(found.weak))
+
+
+def percent(value: float) -> str:
+    """A misfit in percent; a bound below 0.1 %, which no feedforward shows."""
+    from flexgen.identification.fit_grade import SHOWN
+
+    return number(100 * value) if value >= SHOWN else f"< {100 * SHOWN:g}"
 
 
 def grade_table(found: IdentificationResult) -> str:
@@ -106,10 +113,9 @@ def grade_table(found: IdentificationResult) -> str:
         i, j = np.unravel_index(int(np.argmax(band.misfit)), band.misfit.shape)
         element = f"{found.grade.motors[j]} -> {found.grade.outputs[i]}"
         span = f"{number(band.low)} to {number(band.high)}"
-        typical = 100 * float(np.median(band.misfit))
-        rows.append(
-            [span, 100 * band.torque_error, typical, element, 100 * float(band.misfit[i, j])]
-        )
+        typical = float(np.median(band.misfit))
+        largest = float(band.misfit[i, j])
+        rows.append([span, percent(band.torque_error), percent(typical), element, percent(largest)])
     return table(rows, ("Hz", "torque error, %", "misfit, median, %", "largest, element", "%"))
 
 

@@ -175,7 +175,8 @@ def analysis_text(
     )
     rows = zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True)
     modes = table(
-        [[k, f, d] for k, (f, d) in enumerate(rows, 1)], ("mode", "frequency Hz", "damping ratio")
+        [[k, f, damping_text(d)] for k, (f, d) in enumerate(rows, 1)],
+        ("mode", "frequency Hz", "damping ratio"),
     )
     zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
     notches = sorted(
@@ -205,6 +206,15 @@ def analysis_text(
     return "\n\n".join(
         part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part
     )
+
+
+def damping_text(ratio: float | None, factor: float = 1.0) -> float | str | None:
+    """A damping ratio times a factor; a bound where it is that of rounding errors."""
+    from flexgen.analysis.linear import UNDAMPED
+
+    if ratio is None:
+        return None
+    return factor * ratio if abs(ratio) >= UNDAMPED else f"< {factor * UNDAMPED:g}"
 
 
 def _dae_rows(data: dict[str, Any]) -> list[Row]:
@@ -254,12 +264,13 @@ def _compliance_rows(data: dict[str, Any] | None) -> list[Row]:
         ),
     ]
     if data["resonance_hz"] is not None:
-        largest = 1e6 * data["resonance_m_per_N"]
+        peak = data["resonance_m_per_N"]
+        largest = "not bounded: a mode without damping" if peak is None else 1e6 * peak
         rows.append(
             (
                 f"compliance at {number(data['resonance_hz'])} Hz, largest of all frequencies",
                 largest,
-                "um/N",
+                "" if peak is None else "um/N",
             )
         )
     return rows
@@ -292,19 +303,20 @@ def summary_of_solution(solution: Solution) -> str:
     wanted = {figure.label for figure in solution.figures() if figure.key in SUMMARY}
     rows = [row for row in figure_rows(solution) if row[0] in wanted]
     title = f"{solution.model.title}, move {solution.move.name}"
-    return "\n\n".join([f"{title}\n\n{figures(rows)}", *_attempts_before(solution)])
+    return "\n\n".join([f"{title}\n\n{figures(rows)}", *_further(solution)])
 
 
-def _attempts_before(solution: Solution) -> list[str]:
-    """The methods that were tried before, as one text; empty: none."""
+def _further(solution: Solution) -> list[str]:
+    """Notes on the path and the methods that were tried before, each as one text, where any."""
+    notes = [paragraph(f"note: {line}") for line in solution.details.get("notes", ())]
     lines = [f"tried before: {line}" for line in solution.details.get("attempts", ())]
-    return ["\n".join(lines)] if lines else []
+    return ["\n".join(each) for each in (notes, lines) if each]
 
 
 def text_of_solution(solution: Solution) -> str:
     """The figures of a solution, and the methods that were tried before."""
     text = f"{solution.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}"
-    return "\n\n".join([text, *_attempts_before(solution)])
+    return "\n\n".join([text, *_further(solution)])
 
 
 def solution_details(solution: Solution) -> str:
@@ -312,7 +324,7 @@ def solution_details(solution: Solution) -> str:
     rows: list[Row] = [
         (key.replace("_", " "), value if isinstance(value, int | float) else str(value), "")
         for key, value in plain(dict(solution.details)).items()
-        if value not in (None, [], {}, "")
+        if value not in (None, [], {}, "") and key not in ("notes", "attempts")
     ]
     if solution.simulation is not None:
         run = solution.simulation
@@ -359,10 +371,19 @@ def text_of_simulation(simulation: Simulation) -> str:
 
 
 def text_of_check(check: Check) -> str:
-    """One line, and the numbers that are unusual or wrong, with what to do about them."""
+    """One line, and the numbers that are unusual or wrong, with what to look at, once each."""
     found = (*check.errors, *check.warnings)
-    advice = [paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}") for f in found]
-    return "\n\n".join([check.summary(), *([_findings_table(found)] if found else []), *advice])
+    each = [
+        "\n".join(
+            [
+                paragraph(f"{f.mark}: {f.key}"),
+                paragraph(f"  {f.quantity}: {f.value}, usual {f.usual}"),
+                *([paragraph(f"  look at: {f.advice}")] if f.advice else []),
+            ]
+        )
+        for f in found
+    ]
+    return "\n\n".join([check.summary(), *each])
 
 
 def findings_of_check(check: Check) -> str:
@@ -415,9 +436,10 @@ def text_of_path(path: Path) -> str:
     segments = enumerate(path.to_dict()["segments"], 1)
     rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in segments]
     head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
-    return f"{path.equations.model.name}, {path.move.name}: {number(path.duration)} s\n\n" + table(
-        rows, head
-    )
+    title = f"{path.equations.model.name}, {path.move.name}: {number(path.duration)} s"
+    remarks = [line for line in path.notes if line not in path.warnings]
+    notes = "\n".join(paragraph(f"note: {line}") for line in remarks)
+    return "\n\n".join([title, table(rows, head), *([notes] if notes else [])])
 
 
 def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> str:

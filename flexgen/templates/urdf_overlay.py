@@ -28,6 +28,16 @@ from flexgen.templates.urdf_repairs import Repairs, find_repairs, path_between, 
 FREQUENCY = 20.0
 # damping ratio of the gears of an overlay
 DAMPING = 0.03
+# Hz and ratio, largest of a gear at home and in the move of an overlay: its numbers do not depend
+# on the pose, so that both rise where the inertia is small. Gears of robots are below 300 Hz and
+# 0.4.
+MOST_FREQUENCY = 280.0
+MOST_DAMPING = 0.35
+LEAST_FREQUENCY = 3.2  # Hz, at the largest inertia: softer gears are not known of robots
+# inertia of the rotor at the joint to that of the arm, largest at home and in the move
+MOST_ROTOR = 400.0
+# kg m^2, of the smallest servo motors: 1 g cm^2
+LEAST_ROTOR = 1e-7
 RATIO, RATIO_TRANSLATION = 100.0, 500.0  # rad/rad, rad/m
 # kg m^2, of a rotor whose joint has no inertia of its own: a small servo motor
 ROTOR = 1e-5
@@ -42,6 +52,22 @@ REACH, REACH_TRANSLATION = math.pi, 0.5
 NO_INERTIA = 1e-9  # kg m^2 or kg: below, a gear would be too soft to be a number
 WIDTH = 100  # characters of a line with a list
 FILL_IN = "fill in: kg, m, kg m^2 about the center of mass: xx, yy, zz, xy, yz, xz"
+
+
+@dataclass(frozen=True)
+class Inertias:
+    """Inertia of a joint with all others locked [kg m^2 or kg].
+
+    ``largest`` over drawn poses, ``smallest`` at home and in the move of the overlay.
+    """
+
+    largest: float
+    smallest: float
+
+    @property
+    def rise(self) -> float:
+        """By how much the frequency at the smallest is above that at the largest inertia."""
+        return math.sqrt(self.largest / max(self.smallest, NO_INERTIA))
 
 
 @dataclass(frozen=True)
@@ -90,7 +116,7 @@ def overlay_of_urdf(name: str, given: str, folder: Path) -> Overlay:
     loose = _find_massless(urdf, robot, repairs)
     shown = file if file.startswith(PACKAGE) else Path(os.path.relpath(path, folder)).as_posix()
     lines = [*_head(name, path.name, shown, robot, repairs)]
-    inertia = {} if repairs.unfinished else _largest_inertia(robot)
+    inertia = {} if repairs.unfinished else _inertias(robot)
     lines += _defaults(bool(repairs.unfinished))
     lines += _joints(robot, repairs, inertia, loose)
     for link in repairs.unfinished:
@@ -225,8 +251,8 @@ def _find_massless(urdf: Urdf, robot: RobotModel, repairs: Repairs) -> set[str]:
     return massless
 
 
-def _largest_inertia(robot: RobotModel) -> dict[str, float]:
-    """The largest inertia of each joint over drawn poses, all others locked [kg m^2 or kg]."""
+def _inertias(robot: RobotModel) -> dict[str, Inertias]:
+    """The inertias of each joint, by the names of their coordinates."""
     still = replace(robot, motors=tuple(replace(motor, inertia=0.0) for motor in robot.motors))
     rng = np.random.default_rng(1)
     home = np.array(robot.home)
@@ -240,8 +266,13 @@ def _largest_inertia(robot: RobotModel) -> dict[str, float]:
     for _ in range(POSES):
         pose = rng.uniform(ranges[:, 0], ranges[:, 1])
         largest = np.maximum(largest, np.diag(mass_matrix(still, pose)))
-    names = [coordinate.name for coordinate in robot.coordinates]
-    return dict(zip(names, largest.tolist(), strict=True))
+    end = np.array(_end_of_move(robot))
+    of_move = [np.diag(mass_matrix(still, home + part * (end - home))) for part in (0.0, 0.5, 1.0)]
+    smallest = np.min(of_move, axis=0)
+    return {
+        coordinate.name: Inertias(float(high), float(low))
+        for coordinate, high, low in zip(robot.coordinates, largest, smallest, strict=True)
+    }
 
 
 def _range(coordinate: Coordinate, home: float) -> tuple[float, float]:
@@ -347,13 +378,16 @@ def _defaults(unfinished: bool) -> Sequence[str]:
         ratio,
         "",
         f"# Gears: {FREQUENCY:g} Hz with locked motors at the pose with the largest inertia,",
-        f"# damping ratio {DAMPING:g}. Stiffness in N m/rad (N/m), damping in N m s/rad (N s/m) on",
-        "# the arm side. Rotor inertia in kg m^2: times ratio^2 it is that of the arm.",
+        f"# damping ratio {DAMPING:g}; less where they would be above {MOST_FREQUENCY:g} Hz and "
+        f"{MOST_DAMPING:g} at",
+        "# home or in the move. Stiffness in N m/rad (N/m), damping in N m s/rad (N s/m) on the",
+        "# arm side. Rotor inertia in kg m^2: times ratio^2 it is that of the arm; at least",
+        f"# {LEAST_ROTOR:g}.",
     ]
 
 
 def _joints(
-    robot: RobotModel, repairs: Repairs, inertia: Mapping[str, float], loose: set[str]
+    robot: RobotModel, repairs: Repairs, inertia: Mapping[str, Inertias], loose: set[str]
 ) -> list[str]:
     """The tables of the joints, those of mechanisms too where they are repaired."""
     names = {joint.name: name for name, joint in robot.urdf_joints.items()}
@@ -384,7 +418,7 @@ def _sort_keys(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _drive(
-    ratio: float, inertia: float | None, effort: float | None, loose: bool, known: bool
+    ratio: float, inertia: Inertias | None, effort: float | None, loose: bool, known: bool
 ) -> list[str]:
     """The lines of gear and motor of a joint; a joint without inertia has a rigid gear."""
     motor: dict[str, str] = {} if ratio == RATIO else {"ratio": f"{ratio:g}"}
@@ -392,23 +426,25 @@ def _drive(
         motor["torque_max"] = toml(effort / ratio)
     if not known or inertia is None:
         gear = 'gear = { type = "rigid" }'
-    elif loose or inertia < NO_INERTIA:
+    elif loose or inertia.largest < NO_INERTIA:
         gear = 'gear = { type = "rigid" }  # no inertia of its own'
         if loose:
             motor["inertia"] = f"{ROTOR:g}"
     else:
-        K = inertia * (2.0 * math.pi * FREQUENCY) ** 2
-        D = 2.0 * DAMPING * math.sqrt(K * inertia)
+        frequency = max(min(FREQUENCY, MOST_FREQUENCY / inertia.rise), LEAST_FREQUENCY)
+        damping = min(DAMPING, MOST_DAMPING / inertia.rise)
+        K = inertia.largest * (2.0 * math.pi * frequency) ** 2
+        D = 2.0 * damping * math.sqrt(K * inertia.largest)
         gear = f"gear = {{ spring = {{ stiffness = {K:.2g} }}, damping = {D:.2g} }}"
-        motor["inertia"] = f"{inertia / ratio**2:.2g}"
+        at_joint = min(inertia.largest, MOST_ROTOR * inertia.smallest)
+        motor["inertia"] = f"{max(at_joint / ratio**2, LEAST_ROTOR):.2g}"
     rows = ", ".join(f"{key} = {value}" for key, value in motor.items())
     return [gear, *([f"motor = {{ {rows} }}"] if rows else [])]
 
 
-def _move(robot: RobotModel) -> list[str]:
-    """A move of all joints from home, towards the middle of their ranges."""
+def _end_of_move(robot: RobotModel) -> list[float]:
+    """The end of the move of an overlay: from home towards the middle of the ranges."""
     end = []
-    duration = 1.0
     for value, coordinate in zip(robot.home, robot.coordinates, strict=True):
         low, high = _ends(coordinate.dof)
         step = STEP if coordinate.unit == "rad" else STEP / 3.0
@@ -416,10 +452,20 @@ def _move(robot: RobotModel) -> list[str]:
             step = min(step, 0.25 * (high - low)) * (1.0 if value <= (low + high) / 2.0 else -1.0)
         elif value + step > high:
             step = -step
-        end.append(_place(coordinate, value + step))
+        end.append(value + step)
+    return end
+
+
+def _move(robot: RobotModel) -> list[str]:
+    """A move of all joints from home, towards the middle of their ranges."""
+    end = []
+    duration = 1.0
+    places = zip(robot.home, _end_of_move(robot), robot.coordinates, strict=True)
+    for value, last, coordinate in places:
+        end.append(_place(coordinate, last))
         limit = None if coordinate.dof is None else coordinate.dof.speed_max
         if limit is not None:
-            duration = max(duration, PEAK * abs(step) / limit)
+            duration = max(duration, PEAK * abs(last - value) / limit)
     start = ", ".join(_place(c, x) for c, x in zip(robot.coordinates, robot.home, strict=True))
     return [
         "[[move]]",

@@ -114,7 +114,8 @@ def test_noise_is_named_with_its_figures_and_what_to_do(name: str, tmp_path: Fil
     assert "second derivative of the samples of q1 is noise" in note
     smooth = float(note.rpartition("smooth = ")[2].split()[0])
     path = Path(robot, Move("s", "sampled", (), 0.0, 0, file=file, smooth=smooth))
-    assert f"(smooth = {smooth:g})" in path.notes[0]
+    assert f"(smooth = {smooth:g} rad)" in path.notes[0]
+    assert path.warnings == ()
     found = path.sample(np.linspace(0.0, T, 1001)).q_g
     assert found is not None
     assert np.abs(found[:, 0, 2]).max() == pytest.approx(LARGEST, rel=0.1)

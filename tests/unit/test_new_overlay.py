@@ -251,16 +251,40 @@ def test_empty_lists_are_read(make):
 
 def test_stiffness_is_that_of_the_pose_with_the_largest_inertia(make):
     """Upright at home the arm has next to no inertia about the column; stretched it has m l^2."""
-    upright = BODY.replace('xyz=".2 0 0"', 'xyz="0 0 0.5"').replace("0.1", "0.001")
+    upright = BODY.replace('xyz=".2 0 0"', 'xyz="0 0 0.5"').replace("0.1", "0.003")
     text = arm(
         joint("turn", "base", "l1", axis="0 0 1", place="0 0 0"),
         joint("lift", "l1", "tip", place="0 0 0"),
     ).replace(BODY, upright)
     path, _ = make(text)
     gear = read(path).coordinates[0].dof.gear
-    stretched = 2.0 * 0.5**2 + 0.002
+    stretched = 2.0 * 0.5**2 + 0.006
     upper = stretched * (2.0 * math.pi * FREQUENCY) ** 2
     assert 0.9 * upper < gear.spring.stiffness < 1.05 * upper
+
+
+@pytest.mark.parametrize("inertia", ["0.1", "0.001", "0.0001", "0.00005"])
+def test_the_assumed_numbers_are_usual_where_the_inertia_is_small(make, inertia):
+    """Upright at home the inertia about the column is up to 5000 times smaller than stretched."""
+    upright = BODY.replace('xyz=".2 0 0"', 'xyz="0 0 0.5"').replace("0.1", inertia)
+    turn = joint("turn", "base", "l1", axis="0 0 1", place="0 0 0")
+    text = arm(turn, joint("lift", "l1", "tip", place="0 0 0")).replace(BODY, upright)
+    path, _ = make(text)
+    assumed = ("gear", "ratio", "inertia")
+    told = [one for one in flexgen.check(path).warnings if one.key.endswith(assumed)]
+    told += [one for one in flexgen.check(path).warnings if ".gear." in one.key]
+    assert told == []
+
+
+def test_the_rotor_of_a_light_last_axis_is_a_real_motor(make):
+    """5e-5 kg m^2 over 100^2 are 5e-9 kg m^2: no motor."""
+    light = BODY.replace('xyz=".2 0 0"', 'xyz="0 0 0"').replace("0.1", "5e-5")
+    last = joint("j2", "l1", "tip", axis="0 0 1", place="0 0 0")
+    text = arm(FIRST, last)
+    text = text.replace(link("tip"), link("tip", light))
+    path, _ = make(text)
+    assert read(path).motors[1].inertia == pytest.approx(1e-7)
+    assert not [one for one in flexgen.check(path).warnings if "rotor" in one.quantity]
 
 
 def test_check_finds_what_happens_in_a_move_only(make):

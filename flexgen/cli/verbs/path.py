@@ -25,7 +25,7 @@ def path(args: Namespace, log: Progress) -> VerbResult:
         robot, find_move_in(args.moves, args.move, robot), ignore_limits=args.ignore_limits
     )
     files: dict[str, Writer] = {} if args.out is None else {"table": partial(_write, planned, args)}
-    notes = [f"move {planned.move.name}: {line}" for line in planned.notes]
+    notes = [f"move {planned.move.name}: {line}" for line in planned.warnings]
     return with_files(planned.to_text(), planned.to_dict(), files, warnings=notes)
 
 
