@@ -110,7 +110,7 @@ class ToolCompliance:
             "principal_rad_per_Nm": turned.tolist(),
             "axes": about.tolist(),
             "resonance_hz": None if peak is None else peak[0],
-            "resonance_m_per_N": None if peak is None else peak[1],
+            "resonance_m_per_N": None if peak is None or np.isinf(peak[1]) else peak[1],
         }
 
 
