@@ -8,7 +8,8 @@ is no limit.
 known (`best_known`) the end of the time and Ctrl-C end the call. From then on they end the searches
 (`keep_best`) only, and what computes the result from the best step runs to its end; a second Ctrl-C
 ends the call. `is_over` says that what is left can be left out, `reason_of_end` why the result is
-not the end of the search.
+not the end of the search. A call whose result has parts, such as the rows of a sweep, is limited
+in the same way: `part_known` states that one more is done.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.errors import ArgumentError, FlexgenError, SolverError
 
 UNLIMITED = 1e10  # s
 
@@ -96,6 +97,9 @@ def running(seconds: float | None) -> Iterator[Deadline]:
     deadline = Deadline(
         min(math.inf if seconds is None else seconds, math.inf if outer is None else outer.left)
     )
+    if outer is not None and outer.is_of_fit and outer.searches:
+        # Ctrl-C, which the fit records, also ends what runs within its search.
+        deadline.outer = outer
     token = _current.set(deadline)
     try:
         with interrupts_recorded(deadline):
@@ -139,11 +143,15 @@ def limit_call(name: str, seconds: float | None) -> Iterator[Deadline]:
 
 @contextmanager
 def limit_fit(
-    name: str, seconds: float | None, tell: Callable[[str], None] | None = None
+    name: str,
+    seconds: float | None,
+    tell: Callable[[str], None] | None = None,
+    first: str = "step of the search",
 ) -> Iterator[Deadline]:
     """Limit the time [s] of a fit, whose searches end with their best step.
 
     None or 0: unlimited. ``tell`` gets a line with an estimate of the time after the first step.
+    ``first``: the first thing that can be the result, for the message where there is none.
 
     Raises
     ------
@@ -165,11 +173,14 @@ def limit_fit(
         if outer is not None and outer.is_of_fit:
             outer.interrupted |= deadline.interrupted
             outer.ended = outer.ended or deadline.ended
-    except OutOfTime as error:
+    except (OutOfTime, SolverError) as error:
+        # A solve that the time ends without a solution raises SolverError.
+        if isinstance(error, SolverError) and (deadline.left > 0.0 or deadline.best_known):
+            raise
         if not seconds or deadline.seconds < seconds:  # the limit of another call
             raise
         raise OutOfTime(
-            f"{name}: the time limit of {seconds:g} s was over before the first step ({error}); "
+            f"{name}: the time limit of {seconds:g} s was over before the first {first} ({error}); "
             "allow more with --time-limit SECONDS (time_limit=)"
         ) from None
 
@@ -193,6 +204,28 @@ def best_known(step_s: float = 0.0) -> None:
     deadline.best_known = True
 
 
+def part_known(what: str, took_s: float, left: int) -> None:
+    """State that a part of the result under way is done, and that as many are left.
+
+    After the first part an estimate of the time of the others is told, from the time [s] that it
+    took. ``what``: the parts, in the plural.
+    """
+    deadline = _current.get()
+    if deadline is None or not deadline.is_of_fit:
+        return
+    rest_s = took_s * left
+    if not deadline.best_known and deadline.tell is not None and rest_s > LONG:
+        limit = f"; limit {deadline.seconds:g} s" if deadline.seconds < UNLIMITED else ""
+        deadline.tell(f"{left} more {what}, about {rest_s:.2g} s{limit}")
+    deadline.best_known = True
+
+
+def has_limit() -> bool:
+    """Whether the time of the call under way is limited."""
+    deadline = _current.get()
+    return deadline is not None and deadline.seconds < UNLIMITED
+
+
 @contextmanager
 def keep_best() -> Iterator[None]:
     """Keep the best step of a search where the end of the time or Ctrl-C ends it.
@@ -206,10 +239,14 @@ def keep_best() -> Iterator[None]:
     deadline.searches += 1
     try:
         yield
-    except (OutOfTime, KeyboardInterrupt) as error:
+    except (OutOfTime, SolverError, KeyboardInterrupt) as error:
         if not deadline.best_known:
             raise
-        is_time = isinstance(error, OutOfTime) and not deadline.is_interrupted
+        # A solve that is ended from outside without a solution raises SolverError.
+        is_ended = deadline.left < 0.0 or deadline.is_interrupted
+        if isinstance(error, SolverError) and not is_ended:
+            raise
+        is_time = not isinstance(error, KeyboardInterrupt) and not deadline.is_interrupted
         deadline.ended = deadline.ended or (TIME_LIMIT if is_time else INTERRUPTED)
     finally:
         deadline.searches -= 1

@@ -36,9 +36,10 @@ SHARED = """
 @fit_time
     time_limit SECONDS not_negative: time limit [s]: then, or after Ctrl-C, it ends with the best
         step so far, which is printed and written (exit status 1, or 130); default: no limit
-@call_time
-    time_limit SECONDS not_negative: time limit [s], after which it ends without a result;
-        default: no limit
+@parts_time
+    time_limit SECONDS not_negative: time limit [s]: then, or after Ctrl-C, it ends with what was
+        computed until then, which is printed and written (exit status 1, or 130); default: no
+        limit
 @report
     report DIR: write a self-contained HTML report to DIR
 @page
@@ -162,7 +163,7 @@ predict MODEL | | predict
         robots N whole_1: that are simulated, 16 or more; default: {default}
         seed N whole_0: of the draws; default: {default}
     time
-        @call_time
+        @parts_time
     files
         out FILE: write the result to this file (.json)
         @page
@@ -185,6 +186,8 @@ sweep | sweep:sweep | sweep
         workers N whole_0: worker processes; 0 or 1: run in this process; default: one per core
         shard_size N whole_1: cases per shard, the unit of work and of saved results; default: 1 to 16
         resume: continue the sweep in DIR
+    time
+        @parts_time
     files
         out DIR required: directory for shards and tables
         parquet: write results.parquet too (needs pyarrow)
@@ -214,7 +217,7 @@ excite MODEL | identify:excite | excite
         encoder_resolution X not_negative: [rad, motor side]; default: 0
         torque_noise X not_negative: [N m, motor side]; default: 0
     time
-        @call_time
+        @parts_time
     files
         out FILE npz_file required: write the plan to this .npz file
         references DIR: write the references of each experiment to DIR, as CSV
@@ -395,6 +398,8 @@ score | control:score | score
         controller NAME several: reference (the default), all (those that come with the benchmark), the name of one of
             them, {CONTROLLERS}; may be repeated
         seed N whole_0: of draws and noise; default: that of the benchmark, a new one for code
+    time
+        @parts_time
     files
         @page
 tune | control:tune | tune

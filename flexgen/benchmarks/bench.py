@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from flexgen.benchmarks.draws import Draw, draws_of
 from flexgen.benchmarks.measures import at_rest, compute_measures, measures_of
 from flexgen.benchmarks.scenario import Scenario
-from flexgen.deadline import check_time
+from flexgen.deadline import check_time, is_over, keep_best, part_known
 from flexgen.environment.disturbances import disturbance_table
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
@@ -30,6 +31,7 @@ Tell = Callable[[str], None] | None
 class Trial:
     """Results of the robots of a scenario under a controller.
 
+    With fewer draws where the time limit or Ctrl-C has ended it.
     ``values`` (draws, robots, measures); ``refused``: why the controller is refused; ``traces``: outputs ``z``
     (n, outputs) and torques ``u`` (n, n_m) of the nominal robot in the first draw.
     """
@@ -68,23 +70,30 @@ class Bench:
         names.append(f"{NOMINAL}, delay {1e3 * accept.delay_s:g} ms")
         values, refused, traces = [], dict[str, None](), dict[str, np.ndarray]()
         for number, draw in enumerate(self.draws):
+            began = perf_counter()
             label = f"draw {number + 1} of {len(self.draws)}, " if len(self.draws) > 1 else ""
-            z, u, failures = self.simulate(
-                controller,
-                [*range(robots), 0, 0],
-                gains,
-                delays,
-                draw,
-                tell and _add_prefix(tell, label),
-            )
-            own = np.array(
-                [compute_measures(s, draw.windows, z[:, k], u[:, k]) for k in range(robots)]
-            )
-            values.append(own)
+            with keep_best():
+                z, u, failures = self.simulate(
+                    controller,
+                    [*range(robots), 0, 0],
+                    gains,
+                    delays,
+                    draw,
+                    tell and _add_prefix(tell, label),
+                )
+                own = np.array(
+                    [compute_measures(s, draw.windows, z[:, k], u[:, k]) for k in range(robots)]
+                )
+                values.append(own)
+            if len(values) <= number:
+                break
             for reason in self._reasons(draw, names, z, own, failures):
                 refused[reason if len(self.draws) == 1 else f"{label}{reason}"] = None
             if number == 0:
                 traces = {"z": z[:, 0], "u": u[:, 0]}
+            part_known("draws", perf_counter() - began, len(self.draws) - number - 1)
+            if is_over():
+                break
         return Trial(np.array(values), tuple(refused), traces)
 
     def _reasons(

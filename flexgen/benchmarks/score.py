@@ -27,6 +27,7 @@ from flexgen.benchmarks.leaderboard import scenario_controller
 from flexgen.benchmarks.measures import Measure, compute_measures, measures_of
 from flexgen.benchmarks.scenario import Scenario
 from flexgen.benchmarks.scenario_file import scenario
+from flexgen.deadline import limit_fit, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.loop.interface import Controller
 from flexgen.loop.plants import NOMINAL
@@ -76,6 +77,9 @@ class Score(Result):
     wall_s : float [s]
     traces : mapping
         ``z`` (n, outputs) and ``u`` (n, n_m) of the nominal robot in the first draw.
+    ended : str
+        Empty; ``"time limit"`` or ``"interrupted"`` where not all draws were simulated: then the
+        score is that of the draws that were.
 
     Examples
     --------
@@ -94,10 +98,21 @@ class Score(Result):
     refused: tuple[str, ...]
     wall_s: float
     traces: dict[str, np.ndarray]
+    ended: str = ""
 
     def __repr__(self) -> str:
         text = "refused" if self.refused else f"V = {self.total:.4f}"
-        return f"<Score {self.scenario.name}, {self.controller}: {text}>"
+        early = f", {self.status}" if self.ended else ""
+        return f"<Score {self.scenario.name}, {self.controller}: {text}{early}>"
+
+    @property
+    def status(self) -> str:
+        """``done``, or why not all draws were simulated, and how many were."""
+        if not self.ended:
+            return "done"
+        plan = self.scenario.plan
+        draws = 1 if plan is None else plan.draws
+        return f"{self.ended}: the score of {len(self.values)} of {draws} draws"
 
     @property
     def accepted(self) -> bool:
@@ -166,6 +181,7 @@ class Score(Result):
         """The scenario, the score and its parts; for a controller that is refused the reasons only."""
         head = f"{self.scenario.title_line}\ncontroller {self.controller}"
         note = [f"  {self.rule}"] if self.rule else []
+        note += [f"  {self.status}"] if self.ended else []
         if not self.accepted:
             return "\n".join(
                 [f"{head}: refused, no score", *(f"  {reason}" for reason in self.refused), *note]
@@ -204,6 +220,8 @@ class Score(Result):
             "controller": self.controller,
             "seed": self.seed,
             "rule": self.rule,
+            "status": self.status,
+            "draws_done": len(self.values),
             "accepted": self.accepted,
             "refused": list(self.refused),
             "wall_s": self.wall_s,
@@ -234,6 +252,7 @@ def score(
     version: int | None = None,
     seed: int | None = None,
     steps: int | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> Score:
     """Score a controller in a benchmark.
@@ -251,6 +270,9 @@ def score(
     seed, steps : int, optional
         Other draws and noise, other integration steps in a sample. Default of the seed: that of the scenario; for
         Python and shared libraries a new one.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the score is that of the draws that were simulated, and ``ended``
+        says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -261,6 +283,8 @@ def score(
     ------
     ArgumentError
         The scenario or the controller cannot be used.
+    OutOfTime
+        The time was over before the first draw.
 
     Examples
     --------
@@ -288,9 +312,12 @@ def score(
         drawn = isinstance(made, ForeignController) and chosen.plan is not None
         seed = secret_seed() if drawn else chosen.seed
     began = time.perf_counter()
-    units = reference_measures(chosen, seed, steps)
     try:
-        trial = Bench(chosen, seed, steps).run(made, tell)
+        with limit_fit("score", time_limit, tell, first="draw"):
+            units = reference_measures(chosen, seed, steps)
+            trial = Bench(chosen, seed, steps).run(made, tell)
+            done = len(trial.values)
+            ended = reason_of_end() if done < len(units) else ""
     finally:
         if isinstance(made, ForeignController):
             made.close()
@@ -302,10 +329,11 @@ def score(
         rule,
         measures_of(chosen),
         trial.values,
-        units,
+        units[:done],
         trial.refused,
         seconds,
         trial.traces,
+        ended,
     )
 
 

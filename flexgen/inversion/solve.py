@@ -179,7 +179,8 @@ def solve(
             solution = with_hold(problem, _find_solution(problem, method, reached), controller)
             solution = within_limits(solution, problem.limits, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
-            solution = reached.finish(stage_of(error, deadline.interrupted), time_limit)
+            stage = stage_of(error, deadline.is_interrupted)
+            solution = reached.finish(stage, deadline.seconds)
     solution = replace(
         solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh))
     )

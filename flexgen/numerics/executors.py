@@ -8,6 +8,7 @@ from concurrent import futures
 from itertools import islice
 from typing import Any, Protocol, TypeVar
 
+from flexgen.deadline import check_time
 from flexgen.errors import FlexgenError, SolverError
 
 JobT = TypeVar("JobT", bound="Numbered")
@@ -16,6 +17,9 @@ ResultT = TypeVar("ResultT")
 IN_FLIGHT = 32  # jobs submitted at once to an executor of unknown size
 ATTEMPTS = 2  # of a job whose worker was lost
 POLL = 0.05  # s: interval of polling futures that are not of concurrent.futures
+
+# Time [s] between two looks at the time limit and at Ctrl-C while the jobs run.
+CHECK = 0.2
 
 
 class Numbered(Protocol):
@@ -67,9 +71,13 @@ def with_executor(
 def _wait_for_first(running: list[Any]) -> list[Any]:
     """The futures that are done; waits for at least one."""
     if all(isinstance(future, futures.Future) for future in running):
-        done = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
+        done: set[futures.Future[Any]] = set()
+        while not done:
+            done = futures.wait(running, CHECK, return_when=futures.FIRST_COMPLETED).done
+            check_time("executor")
         return [future for future in running if future in done]
     while True:
+        check_time("executor")
         found = [future for future in running if future.done()]
         if found:
             return found

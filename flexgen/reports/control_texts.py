@@ -250,6 +250,7 @@ def scores_text(scenario: Scenario, scores: Sequence[Score]) -> str:
     if drawn:
         parts.append(paragraph(f"V: mean of {draws} draws, spread: standard deviation."))
     parts += [paragraph(f"{s.controller}: {s.rule}") for s in scores if s.rule]
+    parts += [paragraph(f"{s.controller}: {s.status}.") for s in scores if s.ended]
     parts += [
         "\n".join(f"{s.controller} is refused: {reason}" for reason in s.refused)
         for s in scores

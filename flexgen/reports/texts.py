@@ -477,7 +477,8 @@ def text_of_sweep(swept: SweepResult) -> str:
     )
     data = swept.to_dict()
     rows = [[group[key] for key in keys] for group in data["groups"]]
-    return f"{data['cases']} cases, {data['failed']} failed\n\n{table(rows, head)}"
+    early = f"; {swept.status}" if swept.ended else ""
+    return f"{data['cases']} cases, {data['failed']} failed{early}\n\n{table(rows, head)}"
 
 
 def failure_lines(groups: Sequence[Mapping[str, Any]], where: str) -> list[str]:

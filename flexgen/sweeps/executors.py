@@ -11,12 +11,15 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from itertools import islice
 
-from flexgen.deadline import Deadline, interrupts_recorded
+from flexgen.deadline import Deadline, check_time, interrupts_recorded
 from flexgen.errors import SolverError
 from flexgen.sweeps.jobs import Rows, Shard, failed_row
 
 Work = Callable[[Shard], Rows]
 Done = Generator[tuple[Shard, Rows], None, None]
+
+# Time [s] between two looks at the time limit and at Ctrl-C while worker processes compute.
+POLL = 0.2
 
 
 def in_process(shards: Iterable[Shard], work: Work) -> Done:
@@ -26,6 +29,7 @@ def in_process(shards: Iterable[Shard], work: Work) -> Done:
         for shard in shards:
             rows = work(shard)
             unlimited.check(f"shard {shard.number}")
+            check_time(f"shard {shard.number}")
             yield shard, rows
 
 
@@ -37,7 +41,8 @@ def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
         with _Pool(workers) as pool:
             running = {pool.submit(work, shard): shard for shard in first}
             while running and not suspects:
-                done, _ = futures.wait(running, return_when=futures.FIRST_COMPLETED)
+                done, _ = futures.wait(running, POLL, return_when=futures.FIRST_COMPLETED)
+                check_time("worker processes")
                 for future in done:
                     shard = running.pop(future)
                     try:

@@ -14,6 +14,7 @@ import numpy as np
 
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import CASES, count_of
+from flexgen.deadline import keep_best, limit_fit, part_known, reason_of_end
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.executors import with_executor
@@ -35,6 +36,14 @@ from flexgen.type_checks import checked_result, checked_types
 class SweepResult(Result):
     """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run.
 
+    Attributes
+    ----------
+    results, times : Table
+    cases : int
+        Of the grid.
+    ended : str
+        Empty; ``"time limit"`` or ``"interrupted"`` where not all cases have a row.
+
     Examples
     --------
     >>> result = flexgen.sweep(flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1)), workers=1)
@@ -46,19 +55,37 @@ class SweepResult(Result):
 
     results: Table
     times: Table
+    cases: int = 0
+    ended: str = ""
 
     def __repr__(self) -> str:
-        return f"<SweepResult: {len(self.results)} cases, {len(self.failures)} failed>"
+        early = f", {self.status}" if self.ended else ""
+        return f"<SweepResult: {len(self.results)} cases, {len(self.failures)} failed{early}>"
+
+    @property
+    def status(self) -> str:
+        """``done``, or why not all cases have a row, and how many have."""
+        if not self.ended:
+            return "done"
+        return f"{self.ended}: {len(self.results)} of {self.cases} cases are done"
+
+    @property
+    def errors(self) -> dict[int, str]:
+        """Reasons of the failed cases, by the number of the case."""
+        rows = self.results["status"] == "failed"
+        named = zip(self.results["case"][rows], self.results["error"][rows], strict=True)
+        return {int(case): str(error) for case, error in named}
 
     def to_dict(self) -> dict[str, Any]:
         """Figures by model, method and status, and the reasons of failed cases, as JSON types."""
         failed = self.failures.tolist()
         return {
+            "status": self.status,
             "cases": len(self.results),
             "failed": len(failed),
             "digest": self.results.digest,
             "groups": summarize(self.results, self.times),
-            "failures": group_reasons(failed, [str(self.results["error"][k]) for k in failed]),
+            "failures": group_reasons(failed, list(self.errors.values())),
         }
 
     @property
@@ -78,6 +105,7 @@ def sweep(
     shard_size: int | None = None,
     resume: bool = False,
     in_flight: int | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> SweepResult:
     """Solve all cases of a grid.
@@ -87,7 +115,7 @@ def sweep(
     grid : Grid
     out : str or Path, optional
         Folder for finished shards, and for the tables ``results.npz`` and ``times.npz`` at the end. Without a folder
-        nothing is written, and an interruption loses all results.
+        nothing is written.
     workers : int, optional
         Processes on this computer; 0 or 1: this process only; default: one for each core. They import the calling
         script, whose calls must be below ``if __name__ == "__main__":``.
@@ -101,6 +129,9 @@ def sweep(
         Continue the sweep in ``out``.
     in_flight : int, optional
         Shards that are submitted to an executor at once.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the sweep ends with the rows of the finished shards, and ``ended``
+        says so; ``resume`` continues it. None or 0: unlimited.
     progress : callable or bool, optional
         Called with one line of text after every shard; default: messages on a terminal and in a notebook; False: none.
 
@@ -114,6 +145,8 @@ def sweep(
     ------
     ArgumentError
         An argument is wrong, or the folder contains something else.
+    OutOfTime
+        The time was over before the first shard.
     SolverError
         Workers cannot be started, or are lost repeatedly.
 
@@ -137,18 +170,39 @@ def sweep(
         missing = [number for number in range(count) if folder.rows(number) is None]
     shards = _shards(grid, missing, size, code)
     report = _Progress(len(grid), sum(len(_numbers(grid, number, size)) for number in missing), log)
-    with closing(
-        _execute(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)
-    ) as done:
-        for shard, rows in done:
-            if folder is None:
-                memory[shard.number] = rows
-            else:
-                folder.keep(shard.number, rows)
-            report.add(rows)
+    left = set(missing)
+    with limit_fit("sweep", time_limit, first="shard of cases"):
+        if len(missing) < count:
+            part_known("shards", 0.0, len(missing))
+        with (
+            keep_best(),
+            closing(
+                _execute(
+                    shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard
+                )
+            ) as done,
+        ):
+            for shard, rows in done:
+                if folder is None:
+                    memory[shard.number] = rows
+                else:
+                    folder.keep(shard.number, rows)
+                left.remove(shard.number)
+                part_known("shards", 0.0, len(left))
+                report.add(rows)
+        ended = reason_of_end() if left else ""
+    return _collect(grid, folder, memory, [k for k in range(count) if k not in left], ended)
+
+
+def _collect(
+    grid: Grid, folder: Folder | None, memory: dict[int, Rows], finished: list[int], ended: str
+) -> SweepResult:
+    """The tables of the finished shards, written to the folder."""
     found = SweepResult(
-        table_of(RESULTS, (row for k in range(count) for row in _rows(folder, memory, k).results)),
-        table_of(TIMES, (row for k in range(count) for row in _rows(folder, memory, k).times)),
+        table_of(RESULTS, (row for k in finished for row in _rows(folder, memory, k).results)),
+        table_of(TIMES, (row for k in finished for row in _rows(folder, memory, k).times)),
+        len(grid),
+        ended,
     )
     if folder is not None:
         found.results.save(folder.path / "results.npz")

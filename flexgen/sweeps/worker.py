@@ -9,6 +9,7 @@ from collections import OrderedDict
 import numpy as np
 from scipy.integrate import trapezoid
 
+from flexgen.deadline import check_time
 from flexgen.errors import FlexgenError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -58,10 +59,13 @@ def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
             row = failed_row(robot)
         else:
             solution = solve(_equations(job.key, robot), job.move_of(robot), job.method, **options)
+            check_time(f"case {job.number}")
             if solution.interrupted:
                 raise KeyboardInterrupt
             row = _row(solution)
     except FlexgenError as error:
+        # the time limit of the sweep ended the case: it has no row
+        check_time(f"case {job.number}")
         row = failed_row(str(error))
     except Exception as error:  # an error in one case must not lose the others
         row = failed_row(f"{type(error).__name__}: {error}")

@@ -22,6 +22,15 @@ from flexgen.cli.result import (
     with_files,
     written,
 )
+from flexgen.deadline import (
+    INTERRUPTED,
+    best_known,
+    is_over,
+    keep_best,
+    limit_fit,
+    part_known,
+    reason_of_end,
+)
 from flexgen.errors import ArgumentError
 from flexgen.progress import throttle
 from flexgen.reports.text_tables import number, table
@@ -108,22 +117,34 @@ def score(args: Namespace, log: Progress) -> VerbResult:
     given = controller_names(chosen, args.controller or ["reference"])
     if args.report is not None and len(given) > 1:
         raise ArgumentError(f"--report: given {len(given)} controllers, expected one")
-    tell, found = throttle(log), []
-    for name in given:
-        log(f"score: {name}")
-        found.append(compute(chosen, name, seed=args.seed, progress=tell))
+    tell = throttle(log)
+    found: list[Any] = []
+    with limit_fit("score", args.time_limit, tell, first="draw"):
+        for name in given:
+            log(f"score: {name}")
+            with keep_best():
+                found.append(compute(chosen, name, seed=args.seed, progress=tell))
+            if len(found) == len(given) or is_over():
+                break
+            part_known("controllers", found[-1].wall_s, len(given) - len(found))
+        early = reason_of_end() if len(found) < len(given) or found[-1].ended else ""
     text = scores_text(chosen, found)
-    if args.report is not None:
-        text += f"\n\nwrote {found[0].report(args.report)}"
     data: dict[str, Any] = {
         "scenario": chosen.name,
         "version": chosen.version,
         "hash": chosen.digest,
         "scores": [s.to_dict() for s in found],
     }
+    missing = given[len(found) :]
+    if early:
+        data |= {"status": early, "not_scored": list(missing)}
     refused = [s.controller for s in found if not s.accepted]
-    problem = f"refused: {', '.join(refused)}" if refused and len(found) == len(refused) else ""
-    return VerbResult(data, text, problem)
+    problems = [f"refused: {', '.join(refused)}"] if len(found) == len(refused) else []
+    problems += [f"{s.controller}: {s.status}" for s in found if s.ended]
+    problems += [f"{early}: not scored: {', '.join(missing)}"] if missing else []
+    files = {"report": partial(found[0].report, args.report)} if args.report is not None else {}
+    interrupted = early == INTERRUPTED
+    return with_files(text, data, files, "; ".join(problems), interrupted=interrupted)
 
 
 def tune(args: Namespace, log: Progress) -> VerbResult:

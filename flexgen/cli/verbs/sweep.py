@@ -6,6 +6,7 @@ from argparse import Namespace
 from importlib.util import find_spec
 
 from flexgen.cli.result import Progress, VerbResult, keywords
+from flexgen.deadline import INTERRUPTED
 
 
 def sweep(args: Namespace, log: Progress) -> VerbResult:
@@ -26,6 +27,10 @@ def sweep(args: Namespace, log: Progress) -> VerbResult:
     data = swept.to_dict() | {"files": [str(file) for file in files]}
     text = "\n".join([f"{swept.to_text()}\n", *(f"wrote {file}" for file in files)])
     warnings = failure_lines(data["failures"], f"--verbose or column error of {files[0]}")
-    problem = "all cases failed" if data["failed"] == data["cases"] else ""
-    details = "\n".join(f"case {k}: {swept.results['error'][k]}" for k in swept.failures)
-    return VerbResult(data, text, problem, warnings, details)
+    failed = "all cases failed" if data["failed"] == data["cases"] else ""
+    early = f"{swept.status}; continue with --resume" if swept.ended else ""
+    problem = "; ".join(filter(None, [early, failed]))
+    details = "\n".join(f"case {k}: {error}" for k, error in swept.errors.items())
+    return VerbResult(
+        data, text, problem, warnings, details, interrupted=swept.ended == INTERRUPTED
+    )
