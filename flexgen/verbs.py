@@ -226,6 +226,8 @@ measure MODEL | identify:measure | measure
         <plan> PLAN: file written by 'flexgen excite'
     noise
         seed N whole_0: of the noise; default: {default}
+    time
+        @parts_time
     files
         raw DIR: also write all samples, as recordings that 'flexgen frf' reads
         beside: an error where there are too few periods for the spectra beside the lines, which remove transients
@@ -236,6 +238,8 @@ frf | identify:frf | frf
     estimate
         average NAME in=AVERAGES: {AVERAGES}
         transients: the robot need not have come to rest; an error where no spectra beside the lines are recorded
+    time
+        @parts_time
     files
         out FILE npz_file required: write the responses to this .npz file
         @page
@@ -311,6 +315,8 @@ control MODEL | control:control | control
         passivity: also find whether the loop gives no energy to what the tool touches, under a linear controller
     motion
         @move
+    time
+        @parts_time
     files
         @page
         out FILE trajectory_file: write motion, torques and errors of the model to this file

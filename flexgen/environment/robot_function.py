@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from copy import copy
 
 import casadi as ca
 import numpy as np
@@ -36,6 +37,13 @@ class RobotFunction:
         self.function, self.numbers = function, np.ascontiguousarray(numbers, dtype=float)
         self._library = load_module(casadi_module(function, progress))
         self._kept: list[dict[str, np.ndarray]] = []
+
+    def of_robots(self, group: slice) -> RobotFunction:
+        """The same function with the numbers of some robots."""
+        some = copy(self)
+        some.numbers = np.ascontiguousarray(self.numbers[group])
+        some._kept = []
+        return some
 
     def in_loop(self, lanes: int) -> LoopFunction:
         """The structure for C; the memory that it points to lives as long as this object."""

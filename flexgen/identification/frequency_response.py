@@ -15,12 +15,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from flexgen.analysis.response_outputs import ANGLE
+from flexgen.deadline import (
+    check_time,
+    has_limit,
+    is_over,
+    keep_best,
+    limit_fit,
+    part_known,
+    reason_of_end,
+)
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
@@ -87,6 +97,8 @@ class Frf(ArrayResult):
         Of the lines, as multiples of 1 over the period.
     gains : array (3, n_m) or None
         ``position_gain``, ``speed_gain`` and ``integral_gain`` of the drives, see `flexgen.Cascade`; zero: not known.
+    ended : str
+        Empty; ``"time limit"`` or ``"interrupted"`` where poses of the experiment are missing.
 
     Examples
     --------
@@ -121,6 +133,7 @@ class Frf(ArrayResult):
     torques: np.ndarray | None = None
     numbers: np.ndarray | None = None
     gains: np.ndarray | None = None
+    ended: str = ""
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -178,6 +191,7 @@ class Frf(ArrayResult):
         meta |= {
             name: list(getattr(self, name)) for name in ("motors", "warnings", "sensors", "orders")
         }
+        meta |= {"ended": self.ended} if self.ended else {}
         meta["units"] = {"G": "rad/s^2 / (N m)", "UU": "(N m)^2", "w": "rad/s", "poses": "rad"}
         return {name: getattr(self, name) for name in names}, {**meta, "side": "motor"}
 
@@ -235,12 +249,17 @@ class Frf(ArrayResult):
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
             *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise, *motion,
+            ended=str(meta.get("ended", "")),
         )  # fmt: skip
 
 
 @checked_types
 def frf(
-    experiment: Experiment, *, average: AverageName = "arithmetic", transients: bool = False
+    experiment: Experiment,
+    *,
+    average: AverageName = "arithmetic",
+    transients: bool = False,
+    time_limit: float | None = None,
 ) -> Frf:
     """Estimate the frequency responses of an experiment.
 
@@ -253,6 +272,9 @@ def frf(
     transients : bool
         The robot need not have come to rest: periods may differ. The experiment needs its spectra ``beside`` the lines.
         Wherever it has them, local polynomials through them remove transients, since noise leaves some too.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the responses are those of the poses that are done, and ``ended``
+        says so. None or 0: unlimited.
 
     Returns
     -------
@@ -262,6 +284,8 @@ def frf(
     ------
     ArgumentError
         Torques were limited, a period does not repeat, or there are no spectra beside the lines.
+    OutOfTime
+        The time was over before the first pose was done.
     SolverError
         The inputs of the experiments are not independent.
 
@@ -272,6 +296,12 @@ def frf(
     >>> responses.G.shape  # poses, frequencies, accelerations, torques
     (1, 10, 2, 2)
     """
+    with limit_fit("frf", time_limit, first="pose"):
+        return _responses(experiment, average, transients)
+
+
+def _responses(experiment: Experiment, average: AverageName, transients: bool) -> Frf:
+    """The responses at the poses that were done before the end of the time."""
     _check(experiment, average, transients)
     experiment, left_out = _without_transient_period(experiment)
     plan = experiment.plan
@@ -291,17 +321,24 @@ def frf(
         )
     if experiment.lines_by_torque:
         warnings = (*warnings, _torque_lines(plan.lines))
-    noise = None
-    if transients or (experiment.beside is not None and average != "h1"):
-        U, Y, noise, spread = _average_without_transients(experiment, U, Y)
+    removes = transients or (experiment.beside is not None and average != "h1")
+    if removes:
         noise_periods = P
-    try:
-        found = estimate(U, Y, average, noise)
-    except np.linalg.LinAlgError:
-        raise SolverError(
-            f"{experiment.source}: the torques of the experiments are not independent: expected at least {n} "
-            "experiments at each pose with different excitation"
-        ) from None
+    parts: list[_Part] = []
+    whole = len(plan.poses)
+    groups = [slice(k, k + 1) for k in range(whole)] if has_limit() else [slice(None)]
+    for group in groups:
+        with keep_best():
+            check_time("frequency responses")
+            parts.append(_part(experiment, group, U[group], Y[group], average, removes))
+        if len(parts) == len(groups) or is_over():
+            break
+        part_known("poses", parts[-1].wall_s, len(groups) - len(parts))
+    done = whole if len(parts) == len(groups) else len(parts)
+    ended = experiment.ended if done == whole else reason_of_end()
+    found = _joined([part.estimates for part in parts])
+    U = np.concatenate([part.U for part in parts])
+    spread = parts[0].spread if removes else spread
     hold = plan.hardware.sample_s if experiment.hold == "zoh" else 0.0
     R, E = U.shape[1], U.shape[5]
     total = found.total if R >= LEAST_TOTAL else None
@@ -309,10 +346,56 @@ def frf(
     noises = (spread * found.noise_UU, spread * found.noise_YU) if known else (None, None)
     motion = (U.mean(axis=2), plan.lines, gains_of(plan.controller)) if experiment.periodic else ()
     return Frf(
-        plan.model, plan.motors, plan.poses, w, found.G, found.UU, noise_periods * spread * found.C,
-        spread * found.variance, total, P, E * R, hold, plan.hardware.delay_s, experiment.speed_sd, warnings,
-        plan.sensors, _orders(experiment)[n:], *noises, *motion,
+        plan.model, plan.motors, plan.poses[:done], w, found.G, found.UU,
+        noise_periods * spread * found.C, spread * found.variance, total, P, E * R, hold,
+        plan.hardware.delay_s, experiment.speed_sd[:done], warnings, plan.sensors,
+        _orders(experiment)[n:], *noises, *motion, ended=ended,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Estimates of some poses, the spectra of their torques, and the time that they took."""
+
+    estimates: Any
+    U: np.ndarray
+    spread: float
+    wall_s: float
+
+
+def _part(
+    experiment: Experiment,
+    poses: slice,
+    U: np.ndarray,
+    Y: np.ndarray,
+    average: AverageName,
+    removes: bool,
+) -> _Part:
+    """The estimates of some poses, with their transients removed where ``removes``."""
+    began = perf_counter()
+    noise, spread = None, 1.0
+    if removes:
+        assert experiment.beside is not None
+        some = replace(experiment, beside=experiment.beside[poses])
+        U, Y, noise, spread = _average_without_transients(some, U, Y)
+    try:
+        found = estimate(U, Y, average, noise)
+    except np.linalg.LinAlgError:
+        raise SolverError(
+            f"{experiment.source}: the torques of the experiments are not independent: expected at "
+            f"least {len(experiment.plan.motors)} experiments at each pose with different excitation"
+        ) from None
+    return _Part(found, U, spread, perf_counter() - began)
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Estimates of some poses as one."""
+    if len(parts) == 1:
+        return parts[0]
+    names = [field.name for field in fields(parts[0])]
+    values = {name: [getattr(part, name) for part in parts] for name in names}
+    joined = {k: None if x[0] is None else np.concatenate(x) for k, x in values.items()}
+    return replace(parts[0], **joined)
 
 
 def gains_of(controller: Cascade) -> np.ndarray:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import count_of
+from flexgen.deadline import check_time
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import loop_module
@@ -40,6 +41,8 @@ MOST_DELAY = 64  # samples
 TOOL = 6  # entries of a force and a torque on the tool
 POLL_S, LONGEST_STEP_S = 0.05, 5.0  # of a plug-in
 DELAY_ERROR = 1e-3  # of the sample time: largest difference between a delay and whole steps
+# Samples of a long run between two looks at the time limit and at Ctrl-C: some 10 ms of computing.
+PART = 2000
 
 _CHANGING = ("state", "torque", "pending", "shown", "memory", "random")
 
@@ -124,6 +127,7 @@ class ClosedLoop:
         arm_reference: bool = False,
         gain: np.ndarray | None = None,
         exact_state: bool = False,
+        first_robot: int = 0,
     ) -> None:
         lanes, n_m, n_a = len(q_m), model.n_m, model.n_a
         if q_a.shape != (lanes, n_a) or q_m.shape != (lanes, n_m):
@@ -142,6 +146,7 @@ class ClosedLoop:
         )
         self._check_steps(rate)
         self.sample = 0
+        self._first_robot = first_robot
         delay = round(hardware.delay_s / hardware.sample_s * self.steps)
         if (
             abs(delay / self.steps * hardware.sample_s - hardware.delay_s)
@@ -251,7 +256,7 @@ class ClosedLoop:
             "pending": np.zeros((int(late.max()) + 1, n_m, lanes)),
             "shown": np.zeros((int(delays.max()) + 1, n_y, lanes)),
             "scratch": np.zeros((rows, lanes)),
-            "random": seeds_of(seed, lanes),
+            "random": seeds_of(seed, self._first_robot + lanes)[self._first_robot :],
             "status": np.zeros(lanes, np.int32),
             "saturated": np.zeros(lanes, np.int64),
             "encoder_error": _encoder_terms(model),
@@ -473,7 +478,18 @@ class ClosedLoop:
     ) -> Iterator[Samples]:
         """One period of the reference after the other."""
         for _ in range(count):
-            yield self.run(reference, len(reference), motion=motion)
+            yield self.run_in_parts(reference, len(reference), motion=motion)
+
+    def run_in_parts(self, reference: np.ndarray, samples: int, *, motion: bool = False) -> Samples:
+        """Run some more samples as `run` does; the time limit and Ctrl-C end it between parts."""
+        parts = []
+        for first in range(0, samples, PART):
+            check_time("closed loop")
+            parts.append(self.run(reference, min(PART, samples - first), motion=motion))
+        if len(parts) == 1:
+            return parts[0]
+        names = ("q_m", "tau_m", "sensors", *(["motion"] if motion else []))
+        return Samples(**{n: np.concatenate([getattr(x, n) for x in parts]) for n in names})
 
 
 def _encoder_terms(model: RobotModel) -> np.ndarray:

@@ -8,13 +8,21 @@ proportion to time along the path. The dynamic part is the rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path as FilePath
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from flexgen.deadline import check_time
+from flexgen.deadline import (
+    check_time,
+    is_over,
+    keep_best,
+    limit_fit,
+    part_known,
+    reason_of_end,
+)
 from flexgen.environment.disturbances import Disturbance, disturbance_table
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.environment.wall import Wall, contact_force, numbers_of, wall_force
@@ -42,6 +50,9 @@ CHUNK = 2000  # samples between two progress messages
 PARTS = 40  # of the reference with gains of their own
 # more steps, one after the other, where gears or frictions slip faster than in the planned motion
 FINER = (4, 4, 4)
+# Robots beside the model that are simulated together where the time is limited: a vector unit
+# computes so many at once.
+TOGETHER = 8
 
 
 @checked_types(own=("plants", "force", "assumed_force"))
@@ -76,6 +87,7 @@ def control(
     | str
     | FilePath
     | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> ControlRun:
     """Simulate a move under a sampled controller with feedforward torques, for the model and for robots that differ.
@@ -116,6 +128,9 @@ def control(
         Of a process, on all tools along the path, as `flexgen.solve` takes it; default: that of ``solution``.
     assumed_force : float, or as ``force``, optional
         What the feedforward assumes: a factor on ``force`` (0: none), or another force; default: ``force``.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the run has the robots that are done, the model first, and its
+        ``status`` says so. None or 0: unlimited; then all robots are simulated together.
     progress : callable or bool, optional
 
     Returns
@@ -126,6 +141,8 @@ def control(
     ------
     ArgumentError
         An argument is out of range, or the controller does not fit.
+    OutOfTime
+        The time was over before the model was simulated.
     SolverError
         The move has no solution, or a robot no equilibrium.
 
@@ -138,16 +155,47 @@ def control(
     '242 um'
     """
     tell = progress if callable(progress) else None
-    solution = _solve_assuming(model, move, method, force, assumed_force, solution, tell)
-    case = control_case(
-        model, move, sample_time=sample_time, delay=delay, plants=plants, disturbances=disturbances,
-        encoder_noise=encoder_noise, encoder_resolution=encoder_resolution, torque_limits=torque_limits,
-        exact_state=exact_state, seed=seed, solution=solution, force=force, progress=tell,
-    )  # fmt: skip
-    if wall is not None:
-        case = with_wall(case, wall, tell)
-    chosen, name = case_controller(case, controller)
-    return run_case(case, chosen, name, progress=tell)
+    with limit_fit("control", time_limit, tell, first="robot"):
+        solution = _solve_assuming(model, move, method, force, assumed_force, solution, tell)
+        case = control_case(
+            model, move, sample_time=sample_time, delay=delay, plants=plants,
+            disturbances=disturbances, encoder_noise=encoder_noise,
+            encoder_resolution=encoder_resolution, torque_limits=torque_limits,
+            exact_state=exact_state, seed=seed, solution=solution, force=force, progress=tell,
+        )  # fmt: skip
+        check_time("solving the move")
+        if wall is not None:
+            case = with_wall(case, wall, tell)
+        chosen, name = case_controller(case, controller)
+        return _run_groups(case, chosen, name, bool(time_limit), tell)
+
+
+def _run_groups(
+    case: Case, controller: Controller, name: str, limited: bool, progress: Progress | None
+) -> ControlRun:
+    """All robots of a case; where the time is limited one group after the other, the model first.
+
+    With the robots that are done at the end of the time.
+    """
+    robots = len(case.plants.names)
+    groups = [slice(0, robots)]
+    if limited and robots > 1:
+        begins = range(1, robots, TOGETHER)
+        groups = [slice(0, 1), *(slice(k, min(k + TOGETHER, robots)) for k in begins)]
+    done: list[ControlRun] = []
+    for group in groups:
+        with keep_best():
+            run = _run(case, controller, name, None, progress, group)
+            if any(robot.failure == TOO_LONG for robot in run.runs):
+                run = _run_finer(case, controller, name, run, progress, group)
+            done.append(run)
+        if len(done) == len(groups) or is_over():
+            break
+        part_known("robots", run.wall_s / len(run.runs), robots - group.stop)
+    runs = tuple(robot for run in done for robot in run.runs)
+    ended = reason_of_end() if len(runs) < robots else ""
+    seconds, steps = sum(run.wall_s for run in done), max(run.steps for run in done)
+    return replace(done[0], runs=runs, steps=steps, wall_s=seconds, ended=ended)
 
 
 def _solve_assuming(
@@ -225,24 +273,50 @@ def run_case(
 ) -> ControlRun:
     """Simulate all robots of a case under a controller, in ``steps`` a sample, by default as many as they need."""
     run = _run(case, controller, name, steps, progress)
-    for finer in FINER if steps is None else ():
+    return run if steps is not None else _run_finer(case, controller, name, run, progress)
+
+
+def _run_finer(
+    case: Case,
+    controller: Controller,
+    name: str,
+    run: ControlRun,
+    progress: Progress | None,
+    group: slice = slice(None),
+) -> ControlRun:
+    """A run in more steps, one time after the other, as long as the steps of a robot are too long."""
+    for finer in FINER:
         if any(robot.failure == TOO_LONG for robot in run.runs):
-            run = _run(case, controller, name, min(finer * run.steps, MOST_STEPS), progress)
+            steps = min(finer * run.steps, MOST_STEPS)
+            run = _run(case, controller, name, steps, progress, group)
     return run
 
 
 def _run(
-    case: Case, controller: Controller, name: str, steps: int | None, progress: Progress | None
+    case: Case,
+    controller: Controller,
+    name: str,
+    steps: int | None,
+    progress: Progress | None,
+    group: slice = slice(None),
 ) -> ControlRun:
+    """Simulate the robots of a group, with the noise that they have among all."""
     reference, robot = case.reference, case.model
-    lanes, n = len(case.plants.names), len(reference.time)
-    q_a, tau = (np.array(x) for x in zip(*case.rests, strict=True))
+    everyone, n = len(case.plants.names), len(reference.time)
+    named = case.plants.names[group]
+    lanes, first_robot = len(named), group.indices(everyone)[0]
+    q_a, tau = (np.array(x) for x in zip(*case.rests[group], strict=True))
     q_m = np.tile(reference.motion["q_m"][0], (lanes, 1))
+    numbers = case.plants.values[group] if case.plants.parameters else None
+    sensors = None
+    if robot.sensors:
+        signals = None if case.signals is None else case.signals.of_robots(group)
+        sensors = _channels(robot, case.hardware.sample_s, signals)
     loop = ClosedLoop(
         robot, case.library, case.hardware, controller, q_a, q_m, case.rate, seed=case.seed, steps=steps,
-        parameters=case.gears or (case.plants.values if case.plants.parameters else None),
-        sensors=_channels(robot, case.hardware.sample_s, case.signals) if robot.sensors else None,
+        parameters=numbers if case.gears is None else case.gears.of_robots(group), sensors=sensors,
         delay_samples=case.delay_samples, arm_reference=True, exact_state=case.exact_state,
+        first_robot=first_robot,
     )  # fmt: skip
     loop.hold(tau)
     if case.wall is not None:
@@ -260,7 +334,9 @@ def _run(
         count = min(CHUNK, n - first)
         instants = reference.time[first] + step_s * (np.arange(count * loop.steps) + 0.5)
         names = [m.name for m in robot.motors]
-        table = disturbance_table(case.disturbances, names, instants, lanes, case.seed)
+        table = disturbance_table(case.disturbances, names, instants, everyone, case.seed)
+        if table is not None and table.shape[2] > 1:
+            table = np.ascontiguousarray(table[:, :, group])
         if case.force is not None:
             table = np.zeros((len(instants), robot.n_m + TOOL, 1)) if table is None else table
             table[:, robot.n_m :] += case.force.held(instants, step_s)[:, :, None]
@@ -279,7 +355,7 @@ def _run(
     motion, tau_m, q_m, y_s = (np.concatenate(x) for x in (motions, torques, shown, signals))
     ends = np.cumsum([robot.n_a, robot.n_a, robot.n_m, robot.n_m])
     runs = []
-    for lane, plant in enumerate(case.plants.names):
+    for lane, plant in enumerate(named):
         arm, speeds, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
         error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
         stopped = int(loop.saturated[lane]), loop.failures[lane]
@@ -287,7 +363,7 @@ def _run(
         touched = (
             None if case.wall is None else contact_force(case.wall, case.equations, arm, speeds)
         )
-        load = case.plants.loads[lane]
+        load = case.plants.loads[first_robot + lane]
         runs.append(
             PlantRun(
                 plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load, touched

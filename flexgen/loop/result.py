@@ -144,6 +144,8 @@ class ControlRun(Result):
         Of a process on all tools at the samples, world axes; None: there is none.
     plants : Plants or None
         Numbers in which the robots differ from the model.
+    ended : str
+        Empty; ``"time limit"`` or ``"interrupted"`` where not all robots were simulated.
 
     Examples
     --------
@@ -164,6 +166,7 @@ class ControlRun(Result):
     wall_s: float
     force: np.ndarray | None = None
     plants: Plants | None = field(default=None, compare=False)
+    ended: str = ""
 
     def __repr__(self) -> str:
         return f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, {self.status}>"
@@ -242,7 +245,11 @@ class ControlRun(Result):
 
     @property
     def status(self) -> str:
-        """``done``; ``unstable: ...`` or ``failed: ...`` with the first such robot."""
+        """``done``; ``unstable: ...`` or ``failed: ...`` with the first such robot.
+
+        Where not all robots were simulated: ``time limit: ...`` or ``interrupted: ...`` with their
+        names.
+        """
         for name, reason in self.unstable.items():
             advice = ADVICE.get(self[name].failure, ADVICE[NOT_FINITE])
             return f"{UNSTABLE}: {name}: {reason}{advice}"
@@ -251,7 +258,13 @@ class ControlRun(Result):
             for run in self.runs
             if run.failure
         )
-        return next(failed, DONE)
+        return next(failed, self._early_end() or DONE)
+
+    def _early_end(self) -> str:
+        """Why which robots were not simulated, or empty."""
+        if not self.ended or self.plants is None:
+            return ""
+        return f"{self.ended}: not simulated: {', '.join(self.plants.names[len(self.runs) :])}"
 
     @property
     def nominal(self) -> PlantRun:

@@ -69,12 +69,14 @@ names of CSV files without a header; time = "t2" in a channel is another clock o
 keys: `flexgen.records.keys`.
 
 Jitter, unequal steps, empty cells and several rates become equal steps, see
-`flexgen.numerics.sampling`; motions are split at gaps, periodic recordings with one are refused.
+`flexgen.numerics.sampling`; motions are split at gaps. Of a periodic recording with gaps the longest
+part of whole periods, or of a segment, without a gap is read, counted from the beginning of the file.
 What cannot be used is refused with file, channel and time.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -87,7 +89,7 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.records import lost_samples
-from flexgen.numerics.sampling import GAP, Piece, Sampled, drop_repeats, resample
+from flexgen.numerics.sampling import GAP, Gap, Piece, Sampled, drop_repeats, resample
 from flexgen.records import keys
 from flexgen.records.columns import column_of
 from flexgen.records.tables import SKIPPED, read_arrays
@@ -212,14 +214,14 @@ def _at_one_rate(
         )
     key = next((key for key in ("period_s", "segment_s") if key in root), None)
     period = None if key is None else root.number(key, above=0.0)
+    transients = root.whole("transients", 0, 1000) if "transients" in root else 0
     out, notes = [], []
     for table, one in found:
-        if key is not None and one.gaps:
-            raise ArgumentError(
-                f"{one.file}: given a gap of {one.gaps[0]}, expected whole periods without gaps "
-                f"for {key}: take the part of the file before or after it"
-            )
-        parts = one.pieces(max(steps), period) if resampled else [one]
+        if key is not None and period is not None and one.gaps:
+            is_periodic = key == "period_s"
+            parts = [one.whole_periods(max(steps), period, transients, is_periodic)]
+        else:
+            parts = one.pieces(max(steps), period) if resampled else [one]
         out += [(table, part) for part in parts]
         notes += [f"{one.file}: {note}" for note in parts[0].notes]
     return out, notes
@@ -372,6 +374,7 @@ class Recording:
 
     ``t`` (n,) [s]; ``tau_m``, ``q_m`` (n, n_m), motor side [N m], [rad]; ``signals`` (n, channels),
     SI units; ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s]; ``gaps``;
+    ``periods_before``: whole periods of the file before the part that is read, None without gaps;
     ``resampled``: whether values are interpolated; ``rests``: of each torque, angle and signal, why
     it is none, or empty; ``notes``.
     """
@@ -411,6 +414,7 @@ class Recording:
             raise ArgumentError(first)
         self._check(kinds, model)
         self.arrays = self._tables[file]
+        self.periods_before: int | None = None
         self.notes: tuple[str, ...] = ()
         self._fill(self._resample(None, None))
 
@@ -439,6 +443,58 @@ class Recording:
             one._fill(found, piece)
             out.append(one)
         return out
+
+    def whole_periods(
+        self, step: float, period: float, transients: int, is_periodic: bool
+    ) -> Recording:
+        """The longest part of whole periods [s] without a gap, after the transient ones.
+
+        Periods are counted from the beginning of the file; segments of a motion that is not
+        periodic may begin anywhere.
+
+        Raises
+        ------
+        ArgumentError
+            Fewer than two periods are left: the rows of the gaps.
+        """
+        found = self._resample(step, period)
+        begin, samples = found.pieces[0].time[0], round(period / found.step)
+        best: tuple[int, int, int, Piece] | None = None
+        for piece in found.pieces:
+            before = math.ceil((piece.time[0] - begin) / period - 1e-6) if is_periodic else 0
+            before = max(before, transients)
+            start = 0
+            if is_periodic:
+                start = round((begin + before * period - piece.time[0]) / found.step)
+            count = max(len(piece.time) - start, 0) // samples
+            if best is None or count > best[0]:
+                best = count, before, start, piece
+        assert best is not None
+        count, before, start, piece = best
+        what = "periods" if is_periodic else "segments"
+        gaps = "; ".join(f"gap of {gap}, {self._rows_of(gap)}" for gap in found.gaps)
+        if count < 2:
+            after = f" after {transients} transient ones" if transients else ""
+            raise ArgumentError(
+                f"{self.file}: given {gaps}, expected at least two whole {what} of {period:g} s "
+                f"without a gap{after}; record again, or take shorter {what}"
+            )
+        part = slice(start, start + count * samples)
+        one = copy(self)
+        one._fill(found, Piece(piece.time[part], piece.values[part]))
+        one.periods_before = before
+        first, last = piece.time[part][[0, -1]]
+        kept = [note for note in found.notes if not note.startswith("gap of ")]
+        used = f"{count} whole {what} from {first:.6g} to {last:.6g} s are used: {gaps}"
+        one.notes = (*kept, used)
+        return one
+
+    def _rows_of(self, gap: Gap) -> str:
+        """The rows of the file before and after a gap, counted from 1 below a header."""
+        t = self._numbers(self._tables[self.file], self._clock)
+        t = np.ma.filled(np.ma.asarray(t, dtype=float), np.nan)
+        rows = [int(np.nanargmin(np.abs(t - instant))) + 1 for instant in (gap.begin, gap.end)]
+        return f"rows {rows[0]} and {rows[1]}"
 
     def _samples(self, kind: str, channel: _Channel) -> tuple[np.ndarray, np.ndarray]:
         """Instants [s] and values of a channel where it was sampled: SI units, motor side."""

@@ -6,7 +6,12 @@ from typing import Any
 
 import numpy as np
 
+<<<<<<< HEAD
 from flexgen.display import Scales, format_size
+=======
+from flexgen.deadline import OutOfTime
+from flexgen.display import format_size
+>>>>>>> 5093e90b (calls: end control, frf, measure, predict at a limit)
 from flexgen.loop.control import control
 from flexgen.loop.result import UNITS, ControlRun
 from flexgen.model.elements import RobotModel
@@ -15,6 +20,9 @@ from flexgen.uncertainty.prediction import LEVEL
 from flexgen.uncertainty.sources import PAYLOAD, sources_of
 
 DRAWN = 64  # robots
+
+# Robots of which the error that 95 % keep can be told: one in twenty is above it.
+FEWEST = 20
 
 
 def draw_plants(
@@ -45,15 +53,23 @@ def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> d
     Returns
     -------
     dict
-        ``robots``; ``failed``: robots that stopped early; ``error_m``, ``error_rad`` [m], [rad]: None where the output
+        ``robots`` that were simulated; ``ended``: why not all were; ``failed``: robots that stopped early; ``error_m``, ``error_rad`` [m], [rad]: None where the output
         has no such part, or where more than one in twenty have stopped early; ``without_delay``: where the table has
         a delay, which these robots do not have.
+
+    Raises
+    ------
+    OutOfTime
+        The time was over before the `FEWEST` robots.
     """
     plants = draw_plants(run.model)
     found = control(run.model, plants=plants, solution=run.solution, progress=progress, **options)
-    robots = [found[name] for name in plants]
+    robots = [robot for robot in found.runs if robot.name in plants]
+    if found.ended and len(robots) < FEWEST:
+        raise OutOfTime("drawn robots")
     out: dict[str, Any] = {
         "robots": len(robots),
+        **({"ended": found.ended} if found.ended else {}),
         "failed": sum(bool(robot.failure) for robot in robots),
     }
     if run.model.uncertainty is not None and run.model.uncertainty.delay:
@@ -80,5 +96,6 @@ def error_text(found: dict[str, Any], scales: Scales | None = None) -> str:
     without = (
         "without disturbances and delays" if found.get("without_delay") else "without disturbances"
     )
+    failed += f", then {found['ended']}" if "ended" in found else ""
     drawn = f"{inside} of {found['robots']} robots drawn from [uncertainty], {without}{failed}"
     return f"error {' and '.join(sizes) or 'not known'} of {drawn}"

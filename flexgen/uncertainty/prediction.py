@@ -9,13 +9,23 @@ residuals, are below the stated error.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path as FilePath
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from flexgen.counts import ROBOTS, count_of
-from flexgen.deadline import limit_call
+from flexgen.deadline import (
+    check_time,
+    has_limit,
+    is_over,
+    keep_best,
+    limit_fit,
+    part_known,
+    reason_of_end,
+)
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -63,7 +73,8 @@ def predict(
     seed : int
         Of the draws.
     time_limit : float, optional [s]
-        After which the call ends without a result. None or 0: unlimited.
+        Then, or after Ctrl-C, the figures are those of the robots that were simulated, 16 or more,
+        and ``ended`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -74,6 +85,8 @@ def predict(
     ------
     ArgumentError
         The model has no table ``[uncertainty]``, or none of its numbers; the solution is not solved.
+    OutOfTime
+        The time was over before 16 robots were simulated.
     SolverError
         The move has no solution.
 
@@ -98,9 +111,10 @@ def predict(
     if robots < FEWEST:
         raise ArgumentError(f"robots: given {robots}, expected at least {FEWEST}")
     sources = sources_of(robot, robot.uncertainty)
-    with limit_call("predict", time_limit):
+    with limit_fit("predict", time_limit, tell, first=f"{FEWEST} robots"):
         if solution is None:
             solution = solve(equations, move, progress=progress)
+            check_time("solving the move")
         if solution.status not in USABLE:
             raise ArgumentError(
                 f"predict: given a solution with the status {solution.status}, expected one that "
@@ -113,8 +127,30 @@ def predict(
         errors = sources.errors(
             np.random.default_rng(seed_of(seed)).standard_normal((DRAWN, sources.root.shape[1]))
         )
-        found = response(along, errors[:robots])
-        return _prediction(solution, sources, along, first, found, errors, seed)
+        found = _simulate(along, errors[:robots])
+        ended = reason_of_end() if found.error.shape[1] < robots else ""
+        return replace(
+            _prediction(solution, sources, along, first, found, errors, seed), ended=ended
+        )
+
+
+def _simulate(along: Along, errors: np.ndarray) -> Response:
+    """The response of robots; with a time limit in groups, of those that are done at its end."""
+    robots = len(errors)
+    size = FEWEST if has_limit() else robots
+    parts: list[Response] = []
+    for begin in range(0, robots, size):
+        began = perf_counter()
+        with keep_best():
+            parts.append(response(along, errors[begin : begin + size]))
+        done = min(len(parts) * size, robots)
+        if done <= begin or is_over():
+            break
+        part_known("robots", (perf_counter() - began) / size, robots - done)
+    if len(parts) == 1:
+        return parts[0]
+    names = ("error", "tau_m", "deflection")
+    return Response(*(np.concatenate([getattr(x, n) for x in parts], axis=1) for n in names))
 
 
 def torque_band(solution: Solution, progress: Choice = None) -> tuple[np.ndarray, np.ndarray]:

@@ -68,6 +68,8 @@ class Prediction(Result):
         Parts of the variance of the error where it is largest, to first order; the largest first.
     to_halve : tuple of str
         What to measure so that the error is half as large.
+    ended : str
+        Empty; ``"time limit"`` or ``"interrupted"`` where fewer robots were simulated than asked for.
 
     Examples
     --------
@@ -91,6 +93,7 @@ class Prediction(Result):
     deflection: Band
     shares: tuple[Share, ...]
     to_halve: tuple[str, ...]
+    ended: str = ""
 
     def __repr__(self) -> str:
         return f"<Prediction {self.solution.model.title}, {self.solution.move.name}: {self.sentence()}>"
@@ -103,12 +106,10 @@ class Prediction(Result):
 
     @property
     def problem(self) -> str:
-        """Why there is no error: a robot is unstable."""
-        return (
-            ""
-            if self.error_m is not None or self.error_rad is not None
-            else "a robot with the motor feedback is unstable"
-        )
+        """Why there is no error, or why fewer robots were simulated than asked for; else empty."""
+        if self.error_m is None and self.error_rad is None:
+            return "a robot with the motor feedback is unstable"
+        return f"{self.ended}: the figures are those of {self.robots} robots" if self.ended else ""
 
     def sentence(self) -> str:
         """The error in words."""
@@ -130,6 +131,7 @@ class Prediction(Result):
         few = self.to_halve[:SHOWN]
         more = f" and {len(self.to_halve) - SHOWN} more" if len(self.to_halve) > SHOWN else ""
         count = f"{len(self.sources)} uncertain numbers, {self.robots} robots simulated"
+        count += f", then {self.ended}" if self.ended else ""
         return [
             f"{self.sentence()} with motor feedback ({count})",
             self.feedback.title,

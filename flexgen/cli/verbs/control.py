@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import time
 from argparse import Namespace
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,7 @@ from flexgen.cli.result import (
 )
 from flexgen.deadline import (
     INTERRUPTED,
-    best_known,
+    OutOfTime,
     is_over,
     keep_best,
     limit_fit,
@@ -36,6 +37,7 @@ from flexgen.progress import throttle
 from flexgen.reports.text_tables import number, table
 
 if TYPE_CHECKING:
+    from flexgen.display import Scales
     from flexgen.model.elements import RobotModel
 
 ROBOTS = 8
@@ -59,13 +61,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.display import choose_scales
     from flexgen.environment.disturbances import Disturbance
     from flexgen.loop.control import control as simulate
-    from flexgen.reports.control_texts import (
-        feedforward_text,
-        lengths_of_comparison,
-        lengths_of_run,
-        text_of_control,
-    )
-    from flexgen.uncertainty.in_loop import error_text
+    from flexgen.reports.control_texts import lengths_of_run, text_of_control
 
     model = read_model(args)
     acting = {
@@ -73,37 +69,100 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         "wall": wall_of(args),
         **keywords(args, "disturbances", "wall"),
     }
-    run = simulate(model, **acting, progress=throttle(log))
+    tell = throttle(log)
+    with limit_fit("control", args.time_limit, tell, first="robot"):
+        run = simulate(model, **acting, progress=tell)
+        part_known("simulations", run.wall_s, 2)
+        parts: dict[str, Part] = {}
+        left = []
+        for name, further in _further(args, run, acting, log):
+            with keep_best():
+                if not is_over():
+                    parts[name] = further()
+            if name not in parts:
+                left.append(name)
+        fewer = "drawn" in parts and "ended" in parts["drawn"].data
+        ended = reason_of_end() if run.ended or left or fewer else ""
     margins = run.margins()
     data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
-    lengths = lengths_of_run(run)
-    compared = None
-    if args.compare is not False and run.status == "done":
+    data |= {name: part.data for name, part in parts.items()}
+    # One unit for all lengths of the text, of the run and of what was computed after it.
+    lengths = [length for part in parts.values() for length in part.lengths]
+    scales = choose_scales((), *lengths_of_run(run), *lengths)
+    words = [part.text(scales) for part in parts.values()]
+    text = "\n\n".join([text_of_control(run, margins, scales), *words])
+    problem = "" if run.status == "done" else run.status
+    if left:
+        missing = f"{ended}: not computed: {', '.join(left)}"
+        data["status"] = missing if run.status == "done" else run.status
+        problem = "; ".join(filter(None, [problem, missing]))
+    elif ended and not problem:
+        problem = f"{ended}: fewer drawn robots than asked for"
+        data["status"] = problem
+    interrupted = ended == INTERRUPTED
+    return with_files(text, data, written(args, run), problem, interrupted=interrupted)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Something that `control` computes after the run.
+
+    Parameters
+    ----------
+    data : object
+        For JSON.
+    text : callable
+        The text with the units of all lengths.
+    lengths : sequence of tuple
+        Lengths and angles with their SI units, which choose these units.
+    """
+
+    data: Any
+    text: Callable[[Scales], str]
+    lengths: Sequence[tuple[float | None, str]] = ()
+
+
+Further = Callable[[], Part]
+
+
+def _further(
+    args: Namespace, run: Any, acting: dict[str, Any], log: Progress
+) -> list[tuple[str, Further]]:
+    """What `control` computes after the run, by the names of the data; each can be left out."""
+    is_done = run.status == "done" or bool(run.ended)
+
+    def feedforward() -> Part:
         from flexgen.loop.feedforward import compare_feedforward
+        from flexgen.reports.control_texts import feedforward_text, lengths_of_comparison
 
         log("control: the same without feedforward, and with that of the rigid robot")
-        compared = compare_feedforward(run, acting, progress=throttle(log))
-        data["feedforward"] = compared.to_dict()
-        lengths += lengths_of_comparison(compared)
-    passivity = None
-    if args.passivity:
+        options = {key: value for key, value in acting.items() if key != "time_limit"}
+        compared = compare_feedforward(run, options, progress=throttle(log))
+        if is_over():
+            raise OutOfTime("feedforward")
+        words = partial(feedforward_text, compared)
+        return Part(compared.to_dict(), words, lengths_of_comparison(compared))
+
+    def passivity() -> Part:
         from flexgen.laws.passivity import check_passivity
 
-        passivity = check_passivity(run)
-        data["passivity"] = passivity.to_dict()
-    if model.uncertainty is not None and run.status == "done":
-        from flexgen.uncertainty.in_loop import error_in_loop
+        found = check_passivity(run)
+        return Part(found.to_dict(), lambda scales: str(found))
+
+    def drawn() -> Part:
+        from flexgen.uncertainty.in_loop import error_in_loop, error_text
 
         options = keywords(args, "move", "plants", "disturbances", "wall", "assumed_force")
-        data["drawn"] = error_in_loop(run, progress=throttle(log), wall=wall_of(args), **options)
-        lengths += [(data["drawn"][f"error_{u}"], u) for u in ("m", "rad")]
-    scales = choose_scales((), *lengths)
-    parts = [text_of_control(run, margins, scales)]
-    parts += [feedforward_text(compared, scales)] if compared is not None else []
-    parts += [str(passivity)] if passivity is not None else []
-    parts += [error_text(data["drawn"], scales)] if "drawn" in data else []
-    text = "\n\n".join(parts)
-    return with_files(text, data, written(args, run), "" if run.status == "done" else run.status)
+        found = error_in_loop(run, progress=throttle(log), wall=wall_of(args), **options)
+        lengths = [(found[f"error_{unit}"], unit) for unit in ("m", "rad")]
+        return Part(found, partial(error_text, found), lengths)
+
+    asked = {
+        "feedforward": (feedforward, args.compare is not False and is_done),
+        "passivity": (passivity, bool(args.passivity)),
+        "drawn": (drawn, run.model.uncertainty is not None and is_done),
+    }
+    return [(name, compute) for name, (compute, wanted) in asked.items() if wanted]
 
 
 def score(args: Namespace, log: Progress) -> VerbResult:

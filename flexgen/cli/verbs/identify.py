@@ -20,7 +20,7 @@ from flexgen.cli.result import (
     read_model,
     with_files,
 )
-from flexgen.deadline import OutOfTime
+from flexgen.deadline import OutOfTime, limit_fit
 from flexgen.errors import ArgumentError
 from flexgen.progress import throttle
 from flexgen.reports.text_tables import number
@@ -58,7 +58,13 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     after: dict[str, str] = {}
     if args.references is not None:
         files["references"] = partial(_write_references, plan, args.references, after)
-    return with_files(plan_text(plan, model), data, files, after=after)
+    known = "" if plan.predicted else "; the accuracy of its parameters is not known"
+    early = f"{plan.ended}: the plan is the best so far{known}" if plan.ended else ""
+    data["status"] = early or "done"
+    interrupted = is_interrupted(plan)
+    return with_files(
+        plan_text(plan, model), data, files, early, after=after, interrupted=interrupted
+    )
 
 
 def _write_references(plan: Any, folder: Path, after: dict[str, str]) -> Path:
@@ -85,23 +91,33 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     wall = time.perf_counter() - began
     data = {
         "model": robot.name,
-        "duration_s": plan.duration_s,
+        "duration_s": experiment.plan.duration_s,
         "wall_s": wall,
         "speed_rms_rad_s": experiment.speed_sd.tolist(),
         "samples_at_torque_limit": experiment.saturated.tolist(),
     }
-    text = f"{robot.name}: {number(plan.duration_s)} s of robot in {number(wall)} s\n\n"
+    text = f"{robot.name}: {number(experiment.plan.duration_s)} s of robot in {number(wall)} s\n\n"
     text += experiment.to_text()
     files: dict[str, Writer] = {"experiment": partial(experiment.save, args.out)}
     after = {}
     if writer is not None:
         files["recordings"] = writer.finish
         after["recordings"] = f", {len(writer.files)} files with all samples"
+    if writer is not None:
+        # recordings of a pose that is not whole are not described
+        whole = len(experiment.plan.poses)
+        writer.files = [file for file in writer.files if file[0] < whole]
+    done = f"{len(experiment.plan.poses)} of {len(plan.poses)} poses are measured"
+    early = f"{experiment.ended}: {done}" if experiment.ended else ""
+    data["status"] = early or "done"
     limited = (
         "torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms"
     )
     warnings = [limited] if experiment.saturated.any() else []
-    return with_files(text, data, files, after=after, warnings=warnings)
+    interrupted = is_interrupted(experiment)
+    return with_files(
+        text, data, files, early, after=after, warnings=warnings, interrupted=interrupted
+    )
 
 
 def frf(args: Namespace, log: Progress) -> VerbResult:
@@ -109,8 +125,14 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.frequency_response import frf as estimate
     from flexgen.identification.recordings.experiment_file import load_experiment
 
-    found = estimate(load_experiment(args.experiment, log), **keywords(args, "experiment"))
+    with limit_fit("frf", args.time_limit, throttle(log), first="pose"):
+        experiment = load_experiment(args.experiment, log)
+        found = estimate(experiment, **keywords(args, "experiment", "time_limit"))
+    done = f"{len(found.poses)} of {len(experiment.plan.poses)} poses are estimated"
+    short = len(found.poses) < len(experiment.plan.poses)
+    early = f"{found.ended}: {done}" if short else ""
     data = {
+        "status": early or "done",
         "model": found.model,
         "frf": None,
         "poses": len(found.poses),
@@ -121,7 +143,14 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
     files: dict[str, Writer] = {"frf": partial(found.save, args.out)}
     if args.report is not None:
         files["report"] = partial(found.report, args.report)
-    return with_files(found.to_text(), data, files, warnings=list(found.warnings))
+    warnings = list(found.warnings)
+    warnings += [f"the experiment has not all poses of its plan: {found.ended}"] * (
+        bool(found.ended) and not short
+    )
+    interrupted = short and is_interrupted(found)
+    return with_files(
+        found.to_text(), data, files, early, warnings=warnings, interrupted=interrupted
+    )
 
 
 def identify(args: Namespace, log: Progress) -> VerbResult:
@@ -172,7 +201,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     return with_files(
         text,
         found.to_dict() | checked,
-        _files(found, args, usable),
+        _files(found, args),
         _problem(found.status),
         interrupted=is_interrupted(found),
     )
@@ -262,7 +291,6 @@ def _rigid(args: Namespace, log: Progress) -> VerbResult:
 def _segments(args: Namespace, log: Progress) -> VerbResult:
     """Parameters of the nonlinear model from recorded torques and motions, in short segments."""
     from flexgen.identification.motion_fit import fit_motion
-    from flexgen.identification.result import FitStatus
     from flexgen.reports.identification_texts import text_of_motion_fit
 
     alone(args, "--segments", "structure", "rigid", *OF_RESPONSES, "counterbalance", "report")
@@ -285,7 +313,7 @@ def _segments(args: Namespace, log: Progress) -> VerbResult:
     return with_files(
         text_of_motion_fit(found, args.segments),
         found.to_dict(),
-        _files(found, args, found.status != FitStatus.NOT_CONVERGED),
+        _files(found, args),
         _problem(found.status),
         interrupted=is_interrupted(found),
     )
@@ -304,15 +332,15 @@ def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str,
     return rows, verdict_text(verdict)
 
 
-def _files(found: Any, args: Namespace, usable: bool = True) -> dict[str, Writer]:
+def _files(found: Any, args: Namespace) -> dict[str, Writer]:
     """Functions that write the new model file and the report, where they are asked for.
 
-    None where the result is not usable.
+    Also of a search that did not come to its end: the file states its status.
     """
     files: dict[str, Writer] = {}
-    if args.out is not None and usable:
+    if args.out is not None:
         files["model_file"] = partial(found.write, args.out)
-    if args.report is not None and usable:
+    if args.report is not None:
         files["report"] = partial(found.report, args.report)
     return files
 

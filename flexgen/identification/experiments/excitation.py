@@ -59,6 +59,9 @@ class Plan(ArrayResult):
         Channels of sensors that are recorded too.
     predicted : dict of str to float
         Expected standard deviation of the logarithm of each parameter, where it was computed.
+    ended : str
+        Empty; ``"time limit"`` or ``"interrupted"`` where not all candidates of the poses were
+        compared.
 
     Examples
     --------
@@ -84,6 +87,7 @@ class Plan(ArrayResult):
     controller: Cascade
     predicted: dict[str, float] = field(default_factory=dict)
     sensors: tuple[str, ...] = ()
+    ended: str = ""
 
     def __repr__(self) -> str:
         return (
@@ -204,6 +208,7 @@ class Plan(ArrayResult):
             "predicted": self.predicted,
             "sensors": list(self.sensors),
         }
+        meta |= {"plan_ended": self.ended} if self.ended else {}
         return arrays, meta
 
     @classmethod
@@ -241,7 +246,7 @@ class Plan(ArrayResult):
             meta["model"], meta["digest"], tuple(meta["motors"]), arrays["poses"], arrays["lines"].astype(int),
             float(meta["period_s"]), arrays["amplitudes"], arrays["phases"], int(meta["periods"]),
             int(meta["transients"]), hardware, Cascade(gains[0], gains[1], gains[2]), dict(meta["predicted"]),
-            tuple(map(str, meta.get("sensors", ()))),
+            tuple(map(str, meta.get("sensors", ()))), str(meta.get("plan_ended", "")),
         )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from flexgen.analysis import second_order
 from flexgen.analysis.response_outputs import output_orders
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import count_of
+from flexgen.deadline import has_limit, is_over, keep_best, limit_fit, part_known, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.sensor_simulation import SensorSignals
@@ -41,6 +43,8 @@ from flexgen.type_checks import checked_result, checked_types
 
 LARGEST = 1e100  # of a spectrum in a file
 HOLDS = ("zoh", "none")
+# Numbers of pose, realization and experiment.
+Run = tuple[int, int, int]
 LANES = 48  # robots that are simulated together
 FINER = 16.0  # than in other simulations: the step shifts a resonance by less than noise does
 
@@ -79,6 +83,9 @@ class Experiment(ArrayResult):
         One period of the reference angles of recordings [rad], motor side; None: those of the plan.
     lines_by_torque : bool
         The lines are those where the torques are large: lines of distortion can be among them.
+    ended : str
+        Empty; ``"time limit"`` or ``"interrupted"`` where poses of the plan were not measured: they
+        are left out.
 
     Examples
     --------
@@ -106,6 +113,7 @@ class Experiment(ArrayResult):
     lines_by_torque: bool = False
     offsets_later: np.ndarray | None = None
     beside_later: np.ndarray | None = None
+    ended: str = ""
 
     def reference(self, pose: int, realization: int, experiment: int) -> np.ndarray:
         """Reference of the motor angles over one period [rad], (samples, n_m)."""
@@ -140,6 +148,7 @@ class Experiment(ArrayResult):
             ],
             "source": self.source,
             "hold": self.hold,
+            **({"ended": self.ended} if self.ended else {}),
             "units": {"tau_m": "N m", "q_m": "rad"},
             "side": "motor",
         }
@@ -186,7 +195,8 @@ class Experiment(ArrayResult):
         return cls(
             plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]), signals, orders=orders,
             periodic=bool(meta.get("periodic", True)), references=references,
-            lines_by_torque=bool(meta.get("lines_by_torque", False)), **kept,
+            lines_by_torque=bool(meta.get("lines_by_torque", False)),
+            ended=str(meta.get("ended", "")), **kept,
         )  # fmt: skip
 
 
@@ -200,6 +210,7 @@ def measure(
     steps: int | None = None,
     beside: bool = False,
     raw: Callable[[int, int, int, np.ndarray, np.ndarray, np.ndarray], None] | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> Experiment:
     """Simulate the experiment of a plan.
@@ -218,6 +229,10 @@ def measure(
     raw : callable, optional
         Called with pose, realization, experiment, angles and torques (samples, n_m) and sensor signals (samples,
         channels) of the measured periods.
+    time_limit : float, optional [s]
+        Then, or after Ctrl-C, the experiment is that of the poses which are done, and ``ended``
+        says so. With a limit one pose is simulated after the other; then the noise of sensors is
+        another one. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -228,6 +243,8 @@ def measure(
     ------
     ArgumentError
         The robot has other motors than the plan, or not its sensors.
+    OutOfTime
+        The time was over before the first pose was done.
     SolverError
         The loop is unstable.
 
@@ -242,58 +259,122 @@ def measure(
     tell = progress if callable(progress) else None
     seed = seed_of(seed)
     robot = _robot(plan, truth)
+    with limit_fit("measure", time_limit, tell, first="pose"):
+        return _measure(plan, robot, seed, steps, beside, raw, tell)
+
+
+@dataclass(frozen=True)
+class _Simulation:
+    """Robots of an experiment: where they rest, and how their closed loops are simulated."""
+
+    plan: Plan
+    robot: RobotModel
+    library: Any
+    rest_a: np.ndarray
+    tau_m: np.ndarray
+    rate: float
+    seed: int
+    steps: int
+
+    def start(self, group: list[Run], first: int) -> tuple[ClosedLoop, np.ndarray]:
+        """The loop of some runs, and its reference; ``first``: number of the first run."""
+        at = [k for k, _, _ in group]
+        n_m, plan = self.robot.n_m, self.plan
+        whole = first // LANES * LANES
+        loop = ClosedLoop(
+            self.robot, self.library, plan.hardware, plan.controller, self.rest_a[at],
+            plan.poses[at], self.rate, seed=self.seed * 1_000_003 + whole, steps=self.steps,
+            first_robot=first - whole,
+        )  # fmt: skip
+        loop.hold(self.tau_m[at])
+        reference = np.empty((plan.samples, len(group), 2 * n_m))
+        for lane, (k, r, e) in enumerate(group):
+            reference[:, lane, :n_m] = plan.poses[k] + plan.reference(r, e)
+            reference[:, lane, n_m:] = self.tau_m[k]
+        return loop, reference
+
+
+def _measure(
+    plan: Plan,
+    robot: RobotModel,
+    seed: int,
+    steps: int | None,
+    beside: bool,
+    raw: Callable[[int, int, int, np.ndarray, np.ndarray, np.ndarray], None] | None,
+    tell: Callable[[str], None] | None,
+) -> Experiment:
+    """The experiment, of the poses that were done before the end of the time."""
     library = library_with(robot, ("forward_dynamics",), progress=tell)
     local = LocalModel(robot, ())
     rest, rate = local.rest(local.values, plan.poses), largest_rate(local, plan.poses)
     steps = integration_steps(plan.hardware, FINER * rate) if steps is None else steps
-    shape = (
-        len(plan.poses),
-        plan.realizations,
-        plan.experiments,
-        plan.periods,
-        len(plan.lines),
-        robot.n_m,
-    )
-    kept = _Spectra(
-        plan, robot, SensorSignals(robot, plan, library, seed) if plan.sensors else None, beside
-    )
+    rest_a = rest.y[:, : robot.n_a]
+    simulation = _Simulation(plan, robot, library, rest_a, rest.tau_m, rate, seed, steps)
+    sensors = SensorSignals(robot, plan, library, seed) if plan.sensors else None
+    kept = _Spectra(plan, robot, sensors, beside)
     saturated = np.zeros(len(plan.poses), np.int64)
-    runs = [(k, r, e) for k in range(shape[0]) for r in range(shape[1]) for e in range(shape[2])]
-    for first in range(0, len(runs), LANES):
-        group = runs[first : first + LANES]
-        at = [k for k, _, _ in group]
-        loop = ClosedLoop(
-            robot, library, plan.hardware, plan.controller, rest.y[at, : robot.n_a], plan.poses[at], rate,
-            seed=seed * 1_000_003 + first, steps=steps,
-        )  # fmt: skip
-        loop.hold(rest.tau_m[at])
-        reference = np.empty((plan.samples, len(group), 2 * robot.n_m))
-        for lane, (k, r, e) in enumerate(group):
-            reference[:, lane, : robot.n_m] = plan.poses[k] + plan.reference(r, e)
-            reference[:, lane, robot.n_m :] = rest.tau_m[k]
-        settle(loop, reference, plan.transients)
-        recorded = []
-        for period, samples in enumerate(
-            loop.periods(reference, plan.periods, motion=kept.sensors is not None)
-        ):
-            recorded.append(kept.add(group, period, samples, keep=raw is not None))
-            if tell is not None:
-                done = (first + len(group) * (period + 1) / plan.periods) / len(runs)
-                tell(f"measure: {100 * done:.0f} % of {plan.duration_s:.0f} s of robot")
-        np.add.at(saturated, at, loop.saturated)
-        if raw is not None:
-            for lane, run in enumerate(group):
+    groups, each = _groups(plan)
+    runs, done = len(plan.poses) * each, 0
+    for group in groups:
+        began = perf_counter()
+        with keep_best():
+            loop, reference = simulation.start(group, done)
+            settle(loop, reference, plan.transients)
+            recorded = []
+            periods = loop.periods(reference, plan.periods, motion=kept.sensors is not None)
+            for period, samples in enumerate(periods):
+                recorded.append(kept.add(group, period, samples, keep=raw is not None))
+                if tell is not None:
+                    part = (done + len(group) * (period + 1) / plan.periods) / runs
+                    tell(f"measure: {100 * part:.0f} % of {plan.duration_s:.0f} s of robot")
+            np.add.at(saturated, [k for k, _, _ in group], loop.saturated)
+            for lane, run in enumerate(group) if raw is not None else ():
                 raw(
                     *run,
                     *(np.concatenate([part[i][:, lane] for part in recorded]) for i in range(3)),
                 )
+            done += len(group)
+        if done >= each:
+            part_known("runs", (perf_counter() - began) / len(group), runs - done)
+        if is_over():
+            break
+    ended = reason_of_end() if done < runs else ""
+    orders = None
+    if plan.sensors:
+        orders = tuple(output_orders(robot, plan.sensors)[robot.n_m :].tolist())
+    poses = slice(None, done // each)
     w = 2 * np.pi * plan.frequencies
-    speed = np.sqrt((np.abs(w[:, None] * kept.q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
+    speed = np.sqrt(
+        (np.abs(w[:, None] * kept.q_m[poses]) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2
+    )
+    near = {name: x[poses] if name.startswith("beside") else x for name, x in kept.beside.items()}
+    signals = None if kept.signals is None else kept.signals[poses]
+    if ended:
+        # the expected accuracy was that of all poses
+        plan = replace(plan, poses=plan.poses[poses], predicted={})
     return Experiment(
-        plan, kept.tau_m, kept.q_m, speed, saturated, f"simulation of {robot.name}", "zoh", kept.signals,
-        orders=tuple(output_orders(robot, plan.sensors)[robot.n_m :].tolist()) if plan.sensors else None,
-        **kept.beside,
+        plan, kept.tau_m[poses], kept.q_m[poses], speed, saturated[poses],
+        f"simulation of {robot.name}", "zoh", signals, orders=orders, ended=ended, **near,
     )  # fmt: skip
+
+
+def _groups(plan: Plan) -> tuple[list[list[Run]], int]:
+    """Runs that are simulated together, and how many runs a pose has; with a limit those of a pose.
+
+    A group begins at the latest where one begins without a limit: the noise is the same.
+    """
+    each = plan.realizations * plan.experiments
+    runs = [
+        (k, r, e)
+        for k in range(len(plan.poses))
+        for r in range(plan.realizations)
+        for e in range(plan.experiments)
+    ]
+    begins = set(range(0, len(runs), LANES))
+    if has_limit():
+        begins |= set(range(0, len(runs), each))
+    ends = [*sorted(begins)[1:], len(runs)]
+    return [runs[a:b] for a, b in zip(sorted(begins), ends, strict=True)], each
 
 
 class _Spectra:
@@ -380,7 +461,7 @@ def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
     """Run periods that are not measured: the reference (samples, lanes, 2 n_m) fades in over the first one."""
     if periods == 0:
         return
-    loop.run(fade_in(reference), len(reference))
+    loop.run_in_parts(fade_in(reference), len(reference))
     for _ in loop.periods(reference, periods - 1):
         pass
 

@@ -13,14 +13,16 @@ Optimum Experimental Designs, 2007 (exchange).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
+from time import perf_counter
 from typing import Literal, get_args
 
 import numpy as np
 
 from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import noises, output_orders
-from flexgen.deadline import check_time
+from flexgen.deadline import check_time, is_over, keep_best, part_known
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import LocalModel
@@ -94,6 +96,7 @@ def information(
     poses: np.ndarray,
     *,
     every: int = 1,
+    fewest: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Information matrices of poses.
@@ -107,6 +110,8 @@ def information(
     poses : array (k, n_m) [rad]
     every : int
         Use every second, third ... line and weight it by this number.
+    fewest : int, optional
+        So many poses can be the result where the time limit or Ctrl-C ends it; default: all.
     progress : callable, optional
 
     Returns
@@ -120,12 +125,18 @@ def information(
     thinned = plan_lines(plan, slice(every // 2, None, every))
     out, used = [], []
     for k, pose in enumerate(poses):
-        check_time(f"pose {k + 1} of {len(poses)}")
-        try:
-            out.append(every * _by_line(vector, local, thinned, pose).sum(axis=0))
-        except SolverError:
-            continue
-        used.append(k)
+        began = perf_counter()
+        with keep_best() if fewest is not None else nullcontext():
+            check_time(f"pose {k + 1} of {len(poses)}")
+            try:
+                out.append(every * _by_line(vector, local, thinned, pose).sum(axis=0))
+            except SolverError:
+                continue
+            used.append(k)
+        if fewest is not None and is_over():
+            break
+        if fewest is not None and len(out) >= fewest:
+            part_known("candidates", perf_counter() - began, len(poses) - k - 1)
         if progress is not None:
             progress(f"pose {k + 1} of {len(poses)}")
     if not out:

@@ -13,7 +13,7 @@ from flexgen.analysis.response_outputs import channels, check_channels
 from flexgen.analysis.second_order import motor_inertias
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import PERIODS, SAMPLES, count_of, seconds_of
-from flexgen.deadline import limit_call
+from flexgen.deadline import keep_best, limit_fit, part_known, reason_of_end
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.excitation import (
@@ -92,7 +92,8 @@ def excite(
         Channels of sensors of the model file that are recorded too; default: all.
     seed : int
     time_limit : float, optional [s]
-        After which the call ends without a result. None or 0: unlimited.
+        Then, or after Ctrl-C, the poses are the best of the candidates that were computed, and
+        ``ended`` says so. None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -104,6 +105,8 @@ def excite(
     ------
     ArgumentError
         An argument is wrong, or the motion leaves the limits of joints or motors.
+    OutOfTime
+        The time was over before as many candidates were computed as poses are chosen.
 
     Examples
     --------
@@ -138,9 +141,15 @@ def excite(
         sensors=check_channels(robot, channels(robot) if sensors is None else sensors),
     )
     vector = ParameterVector(robot, free or default_free(robot))
-    with limit_call("excite", time_limit):
+    tell = progress if callable(progress) else None
+    with limit_fit("excite", time_limit, tell, first="poses"):
         plan = _with_poses(plan, robot, vector, poses, criterion, seed, progress)
-        return _predict_accuracy(plan, vector, spectrum)
+        part_known("poses", 0.0, 0)
+        whole = None
+        with keep_best():
+            whole = _predict_accuracy(plan, vector, spectrum)
+        # without it the accuracy of the parameters is not known
+        return whole or replace(plan, ended=reason_of_end())
 
 
 def _amplitudes(
@@ -250,10 +259,11 @@ def _with_poses(
         else:
             every = max(1, len(plan.lines) // 20)  # twenty lines tell which pose is better
             F, used = operating_points.information(
-                vector, plan, offered, every=every, progress=tell
+                vector, plan, offered, every=every, fewest=int(poses), progress=tell
             )
+            ended = reason_of_end()
             chosen = operating_points.choose(F, int(poses), vector, criterion)
-            plan = replace(plan, poses=offered[used[sorted(chosen)]])
+            plan = replace(plan, poses=offered[used[sorted(chosen)]], ended=ended)
     else:
         q_g = np.atleast_2d(np.asarray(poses, dtype=float))
         if q_g.ndim != 2 or q_g.shape[1] != model.n_g or not np.isfinite(q_g).all():

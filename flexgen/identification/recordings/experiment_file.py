@@ -12,6 +12,7 @@ import numpy as np
 
 from flexgen.analysis.response_outputs import output_orders
 from flexgen.codegen.digest import model_digest
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import HOLDS, Experiment
@@ -69,7 +70,9 @@ def read_experiment(path: str | Path, progress: Callable[[str], None] | None = N
     period = root.number("period_s" if periodic else "segment_s", above=0.0)
     transients = root.whole("transients", 0, 1000) if "transients" in root else 0
     poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]] = {}
+    has_gaps = any(recording.periods_before is not None for _, recording in found.recordings)
     for table, recording in found.recordings:
+        check_time(f"reading {recording.file}")
         joints = table.angles("pose", [model.coordinates[i].unit == "rad" for i in model.i_g])
         if beyond := beyond_range(model, np.array([joints])):
             raise table.fail(
@@ -77,7 +80,17 @@ def read_experiment(path: str | Path, progress: Callable[[str], None] | None = N
                 f"a pose of the robot: {beyond[0]}",
             )
         poses.setdefault(tuple(joints), []).append(_parts(recording, period, transients, periodic))
+    if has_gaps:
+        poses = _last_periods(poses)
     return _experiment(found, poses)
+
+
+def _last_periods(
+    poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]],
+) -> dict[tuple[float, ...], list[tuple[np.ndarray, ...]]]:
+    """As many of the last periods of each recording as the one with the fewest has."""
+    fewest = min(len(run[0]) for runs in poses.values() for run in runs)
+    return {q: [tuple(x[-fewest:] for x in run) for run in runs] for q, runs in poses.items()}
 
 
 def _parts(
@@ -92,6 +105,9 @@ def _parts(
             f"{file}: given a sample time of {recording.sample_s:.6g} s, expected a whole number of samples in "
             f"period_s = {period_s} s, not {whole:.4f}"
         )
+    if recording.periods_before is not None:
+        # the part that is read begins after the transient periods
+        transients = 0
     periods = n // samples - transients
     if periods < 2:
         raise ArgumentError(
