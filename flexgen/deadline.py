@@ -179,8 +179,9 @@ def limit_fit(
             raise
         if not seconds or deadline.seconds < seconds:  # the limit of another call
             raise
+        stage = "solving the move" if isinstance(error, SolverError) else str(error)
         raise OutOfTime(
-            f"{name}: the time limit of {seconds:g} s was over before the first {first} ({error}); "
+            f"{name}: the time limit of {seconds:g} s was over before the first {first} ({stage}); "
             "allow more with --time-limit SECONDS (time_limit=)"
         ) from None
 

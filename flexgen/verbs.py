@@ -40,6 +40,9 @@ SHARED = """
     time_limit SECONDS not_negative: time limit [s]: then, or after Ctrl-C, it ends with what was
         computed until then, which is printed and written (exit status 1, or 130); default: no
         limit
+@call_time
+    time_limit SECONDS not_negative: time limit [s], after which it ends without a result;
+        default: no limit
 @report
     report DIR: write a self-contained HTML report to DIR
 @page
@@ -172,6 +175,8 @@ simulate MODEL | solve:simulate | simulate
         <trajectory> TRAJECTORY: file written by 'flexgen solve --out'
     robot
         @wall
+    time
+        @call_time
     files
         out FILE trajectory_file: write the simulated motion to this file
 sense MODEL | solve:sense | sense

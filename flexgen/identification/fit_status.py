@@ -45,7 +45,8 @@ class FitStatus(ExplainedStatus):
     )
     NOT_CONVERGED = (
         "not converged",
-        "The search for the best parameters did not come to an end; the values are those of its best step.",
+        "The search for the best parameters did not come to an end; the values are those of its "
+        "best step.",
         "Do not use the values; begin nearer to the truth, fix parameters that are weak, or take more starts.",
     )
 

@@ -382,8 +382,9 @@ def _part(
         found = estimate(U, Y, average, noise)
     except np.linalg.LinAlgError:
         raise SolverError(
-            f"{experiment.source}: the torques of the experiments are not independent: expected at "
-            f"least {len(experiment.plan.motors)} experiments at each pose with different excitation"
+            f"{experiment.source}: the torques of the experiments are not independent: expected "
+            f"at least {len(experiment.plan.motors)} experiments at each pose with different "
+            "excitation"
         ) from None
     return _Part(found, U, spread, perf_counter() - began)
 

@@ -284,7 +284,7 @@ def _run_finer(
     progress: Progress | None,
     group: slice = slice(None),
 ) -> ControlRun:
-    """A run in more steps, one time after the other, as long as the steps of a robot are too long."""
+    """A run in more steps, time after time, as long as the steps of a robot are too long."""
     for finer in FINER:
         if any(robot.failure == TOO_LONG for robot in run.runs):
             steps = min(finer * run.steps, MOST_STEPS)

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.deadline import check_time
+from flexgen.deadline import check_time, limit_call
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import channel_units, output_labels, output_units
@@ -122,6 +122,7 @@ def simulate(
     moving: bool = False,
     feedback: str = AUTO,
     wall: Wall | None = None,
+    time_limit: float | None = None,
     progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
@@ -151,6 +152,9 @@ def simulate(
         do not grow to its size; ``"ppi"``: with it; ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
     wall : Wall, optional
         That the tool touches; its force on the tool is the channel ``contact`` of the result.
+    time_limit : float, optional [s]
+        After which the call ends without a result, which is that of the whole motion. None or 0:
+        unlimited.
     progress : callable or bool, optional
         Called with a line of text; True, False: show messages or not; default: on a terminal and in a notebook.
 
@@ -162,6 +166,8 @@ def simulate(
     ------
     ArgumentError
         The trajectory does not belong to the model.
+    OutOfTime
+        The time limit is over.
     SolverError
         The integration failed; the text gives the time.
 
@@ -171,6 +177,25 @@ def simulate(
     >>> motion.tool_error_max_m < 1e-6
     True
     """
+    with limit_call("simulate", time_limit):
+        return _simulate(
+            model, trajectory, start, rtol, held, command, moving, feedback, wall, progress
+        )
+
+
+def _simulate(
+    model: str | FilePath | RobotModel | Equations,
+    trajectory: Trajectory | str | FilePath,
+    start: Equilibrium | None,
+    rtol: float,
+    held: float | None,
+    command: TorqueCommand | None,
+    moving: bool,
+    feedback: str,
+    wall: Wall | None,
+    progress: Choice,
+) -> Simulation:
+    """The simulation, in any time."""
     from flexgen.simulation import open_loop
 
     equations = model if isinstance(model, Equations) else derive(model)

@@ -53,8 +53,9 @@ def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> d
     Returns
     -------
     dict
-        ``robots`` that were simulated; ``ended``: why not all were; ``failed``: robots that stopped early; ``error_m``, ``error_rad`` [m], [rad]: None where the output
-        has no such part, or where more than one in twenty have stopped early; ``without_delay``: where the table has
+        ``robots`` that were simulated; ``ended``: why not all were; ``failed``: robots that stopped
+        early; ``error_m``, ``error_rad`` [m], [rad]: None where the output has no such part, or
+        where more than one in twenty have stopped early; ``without_delay``: where the table has
         a delay, which these robots do not have.
 
     Raises

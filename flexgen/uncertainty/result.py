@@ -69,7 +69,8 @@ class Prediction(Result):
     to_halve : tuple of str
         What to measure so that the error is half as large.
     ended : str
-        Empty; ``"time limit"`` or ``"interrupted"`` where fewer robots were simulated than asked for.
+        Empty; ``"time limit"`` or ``"interrupted"`` where fewer robots were simulated than asked
+        for.
 
     Examples
     --------

@@ -171,7 +171,13 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.simulation.simulate import simulate as simulate_model
 
     equations = derive_model(args, log)
-    simulation = simulate_model(equations, args.trajectory, wall=wall_of(args), progress=log)
+    simulation = simulate_model(
+        equations,
+        args.trajectory,
+        wall=wall_of(args),
+        time_limit=args.time_limit,
+        progress=log,
+    )
     data = {"model": equations.model.name, **simulation.to_dict()}
     warnings = data.pop("warnings")
     files = {"trajectory": None if args.out is None else simulation.save(args.out)}

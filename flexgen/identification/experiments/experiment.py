@@ -335,7 +335,8 @@ def _measure(
                 )
             done += len(group)
         if done >= each:
-            part_known("runs", (perf_counter() - began) / len(group), runs - done)
+            took_s = (perf_counter() - began) * each / len(group)
+            part_known("poses", took_s, (runs - done) // each)
         if is_over():
             break
     ended = reason_of_end() if done < runs else ""
