@@ -224,6 +224,8 @@ def test_a_score_writes_a_page_where_one_is_asked(tmp_path, capsys, monkeypatch,
         refused=(),
         rule="",
         table=[defaultdict(str)],
+        ended="",
+        wall_s=0.1,
     )
     found.to_dict, found.report = dict, lambda folder: written.append(folder) or folder
     monkeypatch.setattr("flexgen.benchmarks.score.score", lambda *_, **__: found)

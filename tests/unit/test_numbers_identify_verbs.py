@@ -65,6 +65,7 @@ def test_a_plan_is_made_with_the_drives_that_are_given(monkeypatch: pytest.Monke
             frequencies=np.array([1.0, 3.0]),
             joints=lambda model: np.array([[0.5, model.n_g]]),
             predicted={"q1.stiffness": 0.01},
+            ended="",
             write_references=lambda path: ["a", "b", path],
         )
 
@@ -78,6 +79,7 @@ def test_a_plan_is_made_with_the_drives_that_are_given(monkeypatch: pytest.Monke
     answer = verbs.excite(args, print)
     assert answer.data == {
         "model": "elbow",
+        "status": "done",
         "plan": "saved/p.npz",
         "duration_s": 7.5,
         "frequencies_Hz": [1.0, 3.0],
@@ -103,11 +105,13 @@ def test_a_simulated_experiment_says_where_torques_were_at_their_limits(
     def simulate(plan: Any, robot: Any, raw: Any, **more: Any) -> Any:
         asked.update(robot=robot.name, raw=raw, **more)
         sizes = {"speed_sd": np.array([[0.1]]), "saturated": np.array([0, saturated])}
-        return Made(save=lambda path: path, to_text=lambda: "experiment", **sizes)
+        words = {"to_text": lambda: "experiment", "ended": ""}
+        return Made(save=lambda path: path, plan=plan, **words, **sizes)
 
-    monkeypatch.setattr(flexgen.Plan, "load", lambda path: Made(duration_s=12.4))
+    planned = Made(duration_s=12.4, poses=[1, 2])
+    monkeypatch.setattr(flexgen.Plan, "load", lambda path: planned)
     monkeypatch.setattr(LATER + "experiments.experiment.measure", simulate)
-    writer = Made(finish=lambda: Path("raw/recordings.toml"), files=["a", "b"])
+    writer = Made(finish=lambda: Path("raw/recordings.toml"), files=[(0, "a"), (1, "b")])
     monkeypatch.setattr(
         LATER + "recordings.recording_writer.RecordingWriter", lambda path, plan, robot: writer
     )
@@ -140,24 +144,28 @@ def test_responses_are_counted_and_saved(monkeypatch: pytest.MonkeyPatch) -> Non
         "w": [1, 2, 3],
         "outputs": ("m1",),
         "warnings": ("late",),
+        "ended": "",
     }
     made = Made(
         **data, relative_sd=lambda: 0.02, to_text=lambda: "responses", save=Path, report=Path
     )
     monkeypatch.setattr(LATER + "frequency_response.frf", lambda experiment, **more: made)
     monkeypatch.setattr(
-        LATER + "recordings.experiment_file.load_experiment", lambda path, log: path
+        LATER + "recordings.experiment_file.load_experiment",
+        lambda path, log: Made(plan=Made(poses=[1, 2])),
     )
-    answer = verbs.frf(arguments("frf", experiment="d.npz", out="f.npz"), print)
+    unlimited = {"time_limit": None}
+    answer = verbs.frf(arguments("frf", experiment="d.npz", out="f.npz", **unlimited), print)
     counts = {"poses": 2, "lines": 3, "outputs": ["m1"], "median_relative_sd": 0.02}
-    assert answer.data == {"model": "elbow", "frf": "f.npz", **counts}
+    assert answer.data == {"model": "elbow", "status": "done", "frf": "f.npz", **counts}
     assert (answer.text, answer.warnings) == ("responses\n\nwrote f.npz", ["late"])
-    answer = verbs.frf(arguments("frf", experiment="d.npz", out="f.npz", report="page"), print)
+    args = arguments("frf", experiment="d.npz", out="f.npz", report="page", **unlimited)
+    answer = verbs.frf(args, print)
     assert answer.text.endswith("wrote f.npz\nwrote page") and answer.data["report"] == "page"
 
 
 def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not the values of a search that did not end; a second experiment is asked for, and the error of a move."""
+    """Also of a search that did not end; a second experiment is asked for, and the error of a move."""
     asked: dict[str, Any] = {}
     result = {"made": found()}
 
@@ -201,14 +209,11 @@ def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
         result["made"] = found(status)
         answer = identify(out="new.toml", report="page", move="line")
         assert answer.problem == f"{status}: {status.sentence}"
-        assert (
-            ("model_file" in answer.data)
-            == ("report" in answer.data)
-            == (status == FitStatus.MODEL_ERROR)
-        )
+        assert "model_file" in answer.data and "report" in answer.data
         words = "\n\nno tool errors of the move line: a result with model error has no covariance to draw robots from"
         told = f"fit{words}; give --truth where the robot is known\n\nwrote new.toml\nwrote page"
-        assert answer.text == (told if status == FitStatus.MODEL_ERROR else "fit")
+        written = "fit\n\nwrote new.toml\nwrote page"
+        assert answer.text == (told if status == FitStatus.MODEL_ERROR else written)
     result["made"] = found()
     lines: list[str] = []
     checked = Validation((99.0,), 1.5, (1.0,))
@@ -316,9 +321,7 @@ def test_motions_are_fitted_rigid_or_in_segments(monkeypatch: pytest.MonkeyPatch
             and asked["free"] == ["stiffness"]
             and asked["start"] == {"a": 2.0}
         )
-        assert asked["validate"] == "v.toml" and ("model_file" in answer.data) == (
-            status == FitStatus.FITTED
-        )
+        assert asked["validate"] == "v.toml" and "model_file" in answer.data
         assert answer.text.startswith("motion in 0.2 s") and (answer.problem == "") == status.agrees
     for given, named in ((("rigid", "free"), "--free"), (("segments", "report"), "--report")):
         with pytest.raises(ArgumentError) as caught:
@@ -362,7 +365,10 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
 ) -> None:
     asked: dict[str, Any] = {}
     margins = {"begin": Made(to_dict=lambda: {"phase": 40.0})}
-    made = Made(margins=lambda: margins, to_dict=lambda: {"status": status}, status=status)
+    made = Made(
+        margins=lambda: margins, to_dict=lambda: {"status": status}, status=status, ended="",
+        wall_s=0.1,
+    )  # fmt: skip
 
     def simulate(model: Any, **more: Any) -> Any:
         asked.update(more)
@@ -396,6 +402,7 @@ def test_a_run_has_its_margins_and_the_robots_of_its_tolerances(
         passivity=True,
         compare=False,
     )
+    args.time_limit = None
     answer = controls.control(args, print)
     assert (
         asked["disturbances"] == []

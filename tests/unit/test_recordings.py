@@ -87,6 +87,52 @@ def test_spectra_of_a_recording(ending, tmp_path):
     )
 
 
+GAPS = {
+    "in the second period": (0.25, 0.31, [2, 3, 4]),
+    "in the last period": (0.9, 0.95, [0, 1, 2, 3]),
+    "over two periods": (0.35, 0.45, [3, 4]),
+}
+
+
+@pytest.mark.parametrize("gap", GAPS)
+def test_whole_periods_without_a_gap_are_read(gap: str, tmp_path: Path) -> None:
+    """A drift tells the periods apart: their spectra are those of the same periods of the whole record."""
+    begin, end, periods = GAPS[gap]
+    drift = 1.0 + 0.1 * np.floor(TIME / 0.2 + 1e-9)
+    whole = read_experiment(written(tmp_path, current=TORQUE * drift, angle=ANGLE * drift))
+    kept = (begin >= TIME) | (end <= TIME)
+    arrays = {"t": TIME, "current": TORQUE * drift, "angle": ANGLE * drift}
+    told: list[str] = []
+    changed = {name: x[kept] for name, x in arrays.items()}
+    found = read_experiment(written(tmp_path, **changed), told.append)
+    assert found.plan.periods == len(periods)
+    # a spline through the samples gives the same values at the same instants
+    for name in ("tau_m", "q_m"):
+        right = getattr(whole, name)[:, :, :, periods]
+        assert np.allclose(getattr(found, name), right, rtol=1e-6, atol=1e-9 * np.abs(right).max())
+    first, last = 0.2 * periods[0], 0.2 * (periods[-1] + 1) - T
+    words = f"{len(periods)} whole periods from {first:.6g} to {last:.6g} s are used: gap of"
+    assert any(words in line and "rows" in line for line in told)
+
+
+def test_the_other_recordings_are_cut_to_the_periods_that_are_left(tmp_path: Path) -> None:
+    text = TEXT + '\n[[recording]]\nfile = "other.npz"\npose_rad = [0.0]\n'
+    kept = (TIME <= 0.25) | (TIME >= 0.31)
+    file = written(tmp_path, text)
+    arrays = {"t": TIME[kept], "current": TORQUE[kept], "angle": ANGLE[kept]}
+    np.savez(tmp_path / "other.npz", **arrays)
+    found = read_experiment(file)
+    assert found.q_m.shape[:4] == (1, 1, 2, 3)
+    assert np.allclose(found.q_m[0, 0, 0], found.q_m[0, 0, 1], rtol=1e-6, atol=1e-10)
+
+
+def test_transient_periods_before_a_gap_are_not_read(tmp_path: Path) -> None:
+    text = TEXT.replace("period_s = 0.2", "period_s = 0.2\ntransients = 1")
+    kept = (TIME <= 0.65) | (TIME >= 0.7)
+    arrays = {"t": TIME[kept], "current": TORQUE[kept], "angle": ANGLE[kept]}
+    assert read_experiment(written(tmp_path, text, **arrays)).plan.periods == 2
+
+
 def test_units_and_sides_are_converted(tmp_path):
     """Degrees on the arm side of a gear with ratio 50."""
     text = TEXT.replace('unit = "rad"\nside = "motor"', 'unit = "deg"\nside = "arm"').replace(
@@ -121,8 +167,9 @@ def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
             "channel 'angle': sample 17 is not a finite number",
         ),
         (
-            {"t": np.where(TIME > 0.5, TIME + 0.01, TIME)},
-            r"run\.npz: given a gap of 0\.011 s from 0\.5 to 0\.511 s, expected whole periods",
+            {"t": TIME + 0.01 * np.floor(TIME / 0.3 + 1e-9)},
+            r"run\.npz: given gap of 0\.011 s from 0\.299 to 0\.31 s, rows 300 and 301; .*, expected "
+            r"at least two whole periods of 0\.2 s without a gap",
         ),
         ({"t": TIME * 1e3}, "expected at least two periods|whole number"),
         ({"t": -TIME}, "time goes from"),

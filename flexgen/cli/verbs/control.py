@@ -75,7 +75,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         part_known("simulations", run.wall_s, 2)
         parts: dict[str, Part] = {}
         left = []
-        for name, further in _further(args, run, acting, log):
+        for name, further in _further(args, model, run, acting, log):
             with keep_best():
                 if not is_over():
                     parts[name] = further()
@@ -126,7 +126,7 @@ Further = Callable[[], Part]
 
 
 def _further(
-    args: Namespace, run: Any, acting: dict[str, Any], log: Progress
+    args: Namespace, model: RobotModel, run: Any, acting: dict[str, Any], log: Progress
 ) -> list[tuple[str, Further]]:
     """What `control` computes after the run, by the names of the data; each can be left out."""
     is_done = run.status == "done" or bool(run.ended)
@@ -160,7 +160,7 @@ def _further(
     asked = {
         "feedforward": (feedforward, args.compare is not False and is_done),
         "passivity": (passivity, bool(args.passivity)),
-        "drawn": (drawn, run.model.uncertainty is not None and is_done),
+        "drawn": (drawn, model.uncertainty is not None and is_done),
     }
     return [(name, compute) for name, (compute, wanted) in asked.items() if wanted]
 
