@@ -1,8 +1,9 @@
-"""No result of a fit is lost: every verb that fits, times every way to lose its result.
+"""No result is lost: every verb that fits, times every way to lose its result; every long verb has a limit.
 
-The verbs are those of the verb table that read a measurement; one that is new and not in `FITS`
-fails the first test. Each runs as a user runs it, in a separate process, which counts the steps
-of its search on standard error.
+The verbs that fit are those of the verb table that read a measurement; one that is new and not in
+`FITS` fails the first test. Each verb has a time limit, or is one of `SHORT`; those whose result has
+parts, such as the rows of a sweep, are `PARTS`. Each runs as a user runs it, in a separate process,
+which counts the steps of its search, or the parts of its result, on standard error.
 """
 
 from __future__ import annotations
@@ -33,18 +34,22 @@ MEASUREMENTS = {"data", "poses", "record", "recordings"}
 SCRIPT = """
 import os, signal, sys, time, types
 import flexgen.deadline as deadline
-first = deadline.best_known
 late = 0.0
-def best_known(*given):
+def told(first):
+    def told_first(*given):
+        first(*given)
+        end()
+    return told_first
+def end():
     global late
-    first(*given)
     print("STEP", file=sys.stderr, flush=True)
     event, os.environ["EVENT"] = os.environ["EVENT"], ""
     if event == "interrupt":
         os.kill(os.getpid(), signal.SIGINT)
     if event == "time":
         late = 1e6
-deadline.best_known = best_known
+deadline.best_known = told(deadline.best_known)
+deadline.part_known = told(deadline.part_known)
 deadline.time = types.SimpleNamespace(perf_counter=lambda: time.perf_counter() + late)
 from flexgen.cli.main import main
 sys.exit(main(sys.argv[1:]))
@@ -106,6 +111,36 @@ FITS = {
     ),
     "identify-load": Fit("identify-load", "sampled.toml", ["record.csv"], ".json", numbers="load"),
     "identify-servo": Fit("identify-servo", "sampled.toml", ["servo.csv"], numbers="position gain"),
+}
+# Verbs whose result has parts, with the words of the command line (OUT: the file or folder) and a
+# number of the parts in their text or JSON.
+PARTS = {
+    "control": "control unsure.toml --plant soft:stiffness=0.8 --no-compare --move joints --out OUT.npz",
+    "score": "score two_link --report OUT",
+    "sweep": "sweep grid.toml --shard-size 1 --workers 0 --out OUT",
+    "predict": "predict unsure.toml --move joints --robots 40 --out OUT.json",
+    "excite": "excite sampled.toml --poses 2 --period-s 1 --lines 6 --out OUT.npz",
+    "measure": "measure sampled.toml plan.npz --out OUT.npz --raw OUT_raw",
+    "frf": "frf data.npz --out OUT.npz",
+}
+# Verbs whose result cannot have parts: the best of a search, or a motion as a whole.
+WHOLE = {"solve", "run", "fastest", "learn", "tune", "simulate"}
+# Verbs without a time limit: they take seconds, or compile, which a limit does not count.
+SHORT = {
+    "analyze",
+    "check",
+    "command-positions",
+    "completion",
+    "derive",
+    "describe",
+    "generate",
+    "kinematics",
+    "models",
+    "new",
+    "plan",
+    "schema",
+    "sense",
+    "view",
 }
 EVERY = [
     pytest.param(name, marks=() if fit.quick else pytest.mark.slow) for name, fit in FITS.items()
@@ -186,6 +221,19 @@ def servo(folder: Path) -> None:
     (folder / "servo.csv").write_text("\n".join([head, *lines]) + "\n")
 
 
+def parts(folder: Path) -> None:
+    """A model with tolerances, a grid, and a plan for two poses."""
+    sources_of_parts = folder / "unsure.toml"
+    tolerances = "\n[uncertainty]\nstiffness = 0.1\n"
+    sources_of_parts.write_text((folder / "sampled.toml").read_text() + tolerances)
+    grid = 'models = ["elbow"]\nmethods = ["closed-form"]\n[random]\ncount = 3\n'
+    (folder / "grid.toml").write_text(grid)
+    responses(folder)
+    robot = flexgen.read(folder / "sampled.toml")
+    plan = flexgen.excite(robot, poses=2, period_s=1.0, lines=6, transients=1, speed_rms=0.05)
+    plan.save(folder / "plan.npz")
+
+
 MAKERS = {
     "frf.npz": responses,
     "raw/recordings.toml": responses,
@@ -245,6 +293,93 @@ def test_the_matrix_has_every_verb_that_fits() -> None:
 def test_a_planted_verb_is_not_in_the_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(VERBS, "identify-hoses", VERBS["identify-servo"])
     assert verbs_that_fit() - {fit.verb for fit in FITS.values()} == {"identify-hoses"}
+
+
+def without_a_limit() -> set[str]:
+    """Verbs without the option of a time limit; exports write what is there."""
+    return {
+        name
+        for name, verb in VERBS.items()
+        if not name.startswith("export ")
+        and not any(option.parameter == "time_limit" for option in verb.options())
+    }
+
+
+def test_each_long_verb_has_a_time_limit() -> None:
+    """And is one that fits, one whose result has parts, or one whose result is a whole."""
+    assert without_a_limit() == SHORT
+    limited = {name for name in VERBS if not name.startswith("export ")} - SHORT
+    assert limited == {fit.verb for fit in FITS.values()} | set(PARTS) | WHOLE
+
+
+def test_a_planted_verb_without_a_limit_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(VERBS, "solve-slowly", VERBS["derive"])
+    assert without_a_limit() - SHORT == {"solve-slowly"}
+    monkeypatch.setitem(VERBS, "score-slowly", VERBS["score"])
+    assert "score-slowly" not in without_a_limit() | set(PARTS) | WHOLE
+
+
+def run_parts(folder: Path, name: str, out: str, *more: str, event: str = "") -> Ran:
+    """Run a verb whose result has parts in its folder."""
+    if not (folder / "plan.npz").exists():
+        parts(folder)
+    words = [*PARTS[name].replace("OUT", out).split(), *more]
+    environment = os.environ | {"EVENT": event}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, *words], cwd=folder, env=environment, text=True,
+        capture_output=True, timeout=300, check=False,
+    )  # fmt: skip
+    return Ran(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize(("event", "code"), [("interrupt", 130), ("time", 1)])
+def test_a_verb_that_is_ended_writes_the_parts_that_are_done(
+    name: str, event: str, code: int, folder: Path
+) -> None:
+    """With a status that says so, in the text, in JSON and in the exit status."""
+    out = f"{event}_{name}"
+    done = run_parts(folder, name, out, "--time-limit", "1000", event=event)
+    word = {"interrupt": "interrupted", "time": "time limit"}[event]
+    assert done.code == code, done.err
+    assert done.steps > 0 and word in done.err and "Traceback" not in done.err
+    assert f"wrote {out}" in done.out and any(folder.glob(f"{out}*"))
+    data = json.loads(
+        run_parts(
+            folder, name, f"json_{out}", "--time-limit", "1000", "--json", event=event
+        ).out
+    )
+    assert word in data["error"] and word in json.dumps({k: v for k, v in data.items() if k != "error"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PARTS)
+def test_a_limit_that_ends_before_the_first_part_says_so(name: str, folder: Path) -> None:
+    done = run_parts(folder, name, f"none_{name}", "--time-limit", "1e-9")
+    assert done.code == 1 and "time limit" in done.err and "Traceback" not in done.err
+    assert not (folder / f"none_{name}.npz").exists()
+
+
+@pytest.mark.slow
+def test_a_fit_that_has_not_converged_writes_its_best_step(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Marked in the file and in the status; the numbers are those that are printed."""
+    from flexgen.identification import graybox
+    from flexgen.identification.fit_status import FitStatus
+
+    if not (folder / "frf.npz").exists():
+        responses(folder)
+    monkeypatch.setattr(graybox, "_status", lambda *given: FitStatus.NOT_CONVERGED)
+    out = folder / "not_converged.toml"
+    words = ["identify", str(folder / "sampled.toml"), str(folder / "frf.npz"), "--out", str(out)]
+    assert main([*words, "--starts", "1", "-q"]) == 1
+    shown = capsys.readouterr()
+    assert "not converged" in shown.err and f"wrote {out}" in shown.out
+    assert "not converged" in out.read_text()
+    found = flexgen.read(out).elements[0].dofs[0].spring
+    assert found is not None and found.stiffness == pytest.approx(1.1e5, rel=0.05)
 
 
 @pytest.mark.parametrize("name", SLOW)
