@@ -18,12 +18,14 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, TypeVar
 
 from flexgen.errors import ArgumentError, FlexgenError, SolverError
+
+T = TypeVar("T")
 
 UNLIMITED = 1e10  # s
 
@@ -287,6 +289,13 @@ def check_time(stage: str) -> None:
     deadline = _current.get()
     if deadline is not None:
         deadline.check(stage)
+
+
+def each_in_time(items: Iterable[T], stage: str) -> Iterator[T]:
+    """The items; before each of them `check_time`."""
+    for item in items:
+        check_time(stage)
+        yield item
 
 
 def is_late(stage: str) -> bool:

@@ -248,8 +248,8 @@ class Frf(ArrayResult):
             )
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
-            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise, *motion,
-            ended=str(meta.get("ended", "")),
+            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise,
+            **dict(zip(OPTIONAL[3:], motion, strict=True)), ended=str(meta.get("ended", "")),
         )  # fmt: skip
 
 
@@ -344,12 +344,15 @@ def _responses(experiment: Experiment, average: AverageName, transients: bool) -
     total = found.total if R >= LEAST_TOTAL else None
     known = average != "h1" and P > 1 and R == 1
     noises = (spread * found.noise_UU, spread * found.noise_YU) if known else (None, None)
-    motion = (U.mean(axis=2), plan.lines, gains_of(plan.controller)) if experiment.periodic else ()
+    motion = {}
+    if experiment.periodic:
+        values = U.mean(axis=2), plan.lines, gains_of(plan.controller)
+        motion = dict(zip(OPTIONAL[3:], values, strict=True))
     return Frf(
         plan.model, plan.motors, plan.poses[:done], w, found.G, found.UU,
         noise_periods * spread * found.C, spread * found.variance, total, P, E * R, hold,
         plan.hardware.delay_s, experiment.speed_sd[:done], warnings, plan.sensors,
-        _orders(experiment)[n:], *noises, *motion, ended=ended,
+        _orders(experiment)[n:], *noises, **motion, ended=ended,
     )  # fmt: skip
 
 

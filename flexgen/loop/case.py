@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.second_order import largest_rate as largest_eigenvalue
+from flexgen.deadline import check_time, each_in_time
 from flexgen.environment.disturbances import Disturbance
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.environment.sense import signals_of
@@ -121,6 +122,7 @@ def control_case(
     if solution is None:
         tell("solving the move")
         solution = solve(robot, move, progress=progress)
+        check_time("solving the move")
     chosen, laws = split_plants(robot, plants_of(robot, {NOMINAL: {}, **changed}))
     of_lane = _of_lanes(disturbances, chosen.names)
     names = tuple(p.name for p in chosen.parameters)
@@ -141,6 +143,7 @@ def control_case(
     process = None if force is None else make_force(force, robot, path.duration)
     span = float(trajectory.time[0]), float(trajectory.time[-1])
     time = time_grid(*span, sample_time, HOLD_S, AFTER_S)
+    check_time("reference of the move")
     local = LocalDynamics(derive(elastic, names))
     known = signals_of(nominal) if felt else None
     reference = motion_reference(trajectory, path, sample_time, delay, library, time, known)
@@ -164,9 +167,11 @@ def control_case(
     points = reference.points(
         np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int))
     )
-    rate, gears = max(local.largest_rate(points, values) for values in chosen.values), None
+    robots = each_in_time(chosen.values, "largest eigenvalues of the robots")
+    gears = None
+    rate = max(local.largest_rate(points, values) for values in robots)
     if laws:
-        pairs = zip(chosen.values, laws, strict=True)
+        pairs = each_in_time(zip(chosen.values, laws, strict=True), "hysteresis of the robots")
         rate = max(
             largest_rate(local, points, reference.motion, values, law) for values, law in pairs
         )

@@ -163,7 +163,7 @@ def control(
             encoder_resolution=encoder_resolution, torque_limits=torque_limits,
             exact_state=exact_state, seed=seed, solution=solution, force=force, progress=tell,
         )  # fmt: skip
-        check_time("solving the move")
+        check_time("robots")
         if wall is not None:
             case = with_wall(case, wall, tell)
         chosen, name = case_controller(case, controller)
@@ -310,8 +310,8 @@ def _run(
     numbers = case.plants.values[group] if case.plants.parameters else None
     sensors = None
     if robot.sensors:
-        signals = None if case.signals is None else case.signals.of_robots(group)
-        sensors = _channels(robot, case.hardware.sample_s, signals)
+        felt = None if case.signals is None else case.signals.of_robots(group)
+        sensors = _channels(robot, case.hardware.sample_s, felt)
     loop = ClosedLoop(
         robot, case.library, case.hardware, controller, q_a, q_m, case.rate, seed=case.seed, steps=steps,
         parameters=numbers if case.gears is None else case.gears.of_robots(group), sensors=sensors,

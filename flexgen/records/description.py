@@ -69,8 +69,9 @@ names of CSV files without a header; time = "t2" in a channel is another clock o
 keys: `flexgen.records.keys`.
 
 Jitter, unequal steps, empty cells and several rates become equal steps, see
-`flexgen.numerics.sampling`; motions are split at gaps. Of a periodic recording with gaps the longest part of whole periods, or
-segments, without a gap is read; periods are counted from the beginning of the file.
+`flexgen.numerics.sampling`; motions are split at gaps. Of a periodic recording with gaps the
+longest part of whole periods, or segments, without a gap is read; periods are counted from the
+beginning of the file.
 What cannot be used is refused with file, channel and time.
 """
 

@@ -1,9 +1,9 @@
-"""No result is lost: every verb that fits, times every way to lose its result; every long verb has a limit.
+"""No result is lost: every verb that fits, times every way to lose its result.
 
 The verbs that fit are those of the verb table that read a measurement; one that is new and not in
-`FITS` fails the first test. Each verb has a time limit, or is one of `SHORT`; those whose result has
-parts, such as the rows of a sweep, are `PARTS`. Each runs as a user runs it, in a separate process,
-which counts the steps of its search, or the parts of its result, on standard error.
+`FITS` fails the first test. Each verb has a time limit, or is one of `SHORT`; `PARTS` are those
+whose result has parts, such as the rows of a sweep. Each runs as a user runs it, in a separate
+process, which counts the steps of its search, or the parts of its result, on standard error.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ FITS = {
 # Verbs whose result has parts, with the words of the command line (OUT: the file or folder) and a
 # number of the parts in their text or JSON.
 PARTS = {
-    "control": "control unsure.toml --plant soft:stiffness=0.8 --no-compare --move joints --out OUT.npz",
+    "control": "control sampled.toml --plant soft:stiffness=0.8 --move joints --out OUT.npz",
     "score": "score two_link --report OUT",
     "sweep": "sweep grid.toml --shard-size 1 --workers 0 --out OUT",
     "predict": "predict unsure.toml --move joints --robots 40 --out OUT.json",
@@ -346,11 +346,11 @@ def test_a_verb_that_is_ended_writes_the_parts_that_are_done(
     assert done.steps > 0 and word in done.err and "Traceback" not in done.err
     assert f"wrote {out}" in done.out and any(folder.glob(f"{out}*"))
     data = json.loads(
-        run_parts(
-            folder, name, f"json_{out}", "--time-limit", "1000", "--json", event=event
-        ).out
+        run_parts(folder, name, f"json_{out}", "--time-limit", "1000", "--json", event=event).out
     )
-    assert word in data["error"] and word in json.dumps({k: v for k, v in data.items() if k != "error"})
+    assert word in data["error"] and word in json.dumps(
+        {k: v for k, v in data.items() if k != "error"}
+    )
 
 
 @pytest.mark.slow

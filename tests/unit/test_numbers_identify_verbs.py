@@ -165,7 +165,7 @@ def test_responses_are_counted_and_saved(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_fit_writes_what_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also of a search that did not end; a second experiment is asked for, and the error of a move."""
+    """Also of a search that did not end; a second experiment, and the error of a move."""
     asked: dict[str, Any] = {}
     result = {"made": found()}
 

@@ -1,4 +1,4 @@
-"""A call that the time limit or Ctrl-C ends returns the parts that are done, as they are in the whole result."""
+"""A call that the time limit or Ctrl-C ends returns the parts that are done, and says so."""
 
 from __future__ import annotations
 
@@ -73,7 +73,9 @@ def measure_call(robot: Any, plan: Any, **options: Any) -> Any:
 
 
 def measure_parts(found: Any) -> list[Any]:
-    return [(pose, *data) for pose, *data in zip(found.plan.poses, found.tau_m, found.q_m, strict=True)]
+    return [
+        (pose, *data) for pose, *data in zip(found.plan.poses, found.tau_m, found.q_m, strict=True)
+    ]
 
 
 def frf_call(robot: Any, plan: Any, **options: Any) -> Any:
@@ -121,9 +123,7 @@ CALLS: dict[str, tuple[Callable[..., Any], Callable[[Any], list[Any]], str]] = {
     "score": (score_call, score_parts, "flexgen.benchmarks.bench"),
 }
 WHOLE: dict[str, list[Any]] = {}
-EACH = [
-    pytest.param(name, marks=[pytest.mark.slow] if name == "score" else []) for name in CALLS
-]
+EACH = [pytest.param(name, marks=[pytest.mark.slow] if name == "score" else []) for name in CALLS]
 
 
 def close(a: Any, b: Any) -> bool:
@@ -211,7 +211,9 @@ def test_a_plan_has_the_best_of_the_candidates_that_were_computed(
         )
     assert found.ended == WORDS[event] and found.poses.shape == (3, 2) and left[0] > 100
     # as many candidates as poses were computed: all of them are chosen
-    few = flexgen.excite(robot, poses=found.poses @ np.linalg.inv(robot.eta).T, period_s=0.5, lines=6)
+    few = flexgen.excite(
+        robot, poses=found.poses @ np.linalg.inv(robot.eta).T, period_s=0.5, lines=6
+    )
     assert close(found.poses, few.poses)
     assert found.predicted == pytest.approx(few.predicted)
 

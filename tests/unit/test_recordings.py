@@ -96,7 +96,7 @@ GAPS = {
 
 @pytest.mark.parametrize("gap", GAPS)
 def test_whole_periods_without_a_gap_are_read(gap: str, tmp_path: Path) -> None:
-    """A drift tells the periods apart: their spectra are those of the same periods of the whole record."""
+    """A drift tells the periods apart: they are those of the whole record."""
     begin, end, periods = GAPS[gap]
     drift = 1.0 + 0.1 * np.floor(TIME / 0.2 + 1e-9)
     whole = read_experiment(written(tmp_path, current=TORQUE * drift, angle=ANGLE * drift))
@@ -168,8 +168,8 @@ def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
         ),
         (
             {"t": TIME + 0.01 * np.floor(TIME / 0.3 + 1e-9)},
-            r"run\.npz: given gap of 0\.011 s from 0\.299 to 0\.31 s, rows 300 and 301; .*, expected "
-            r"at least two whole periods of 0\.2 s without a gap",
+            r"run\.npz: given gap of 0\.011 s from 0\.299 to 0\.31 s, rows 300 and 301; .*, "
+            r"expected at least two whole periods of 0\.2 s without a gap",
         ),
         ({"t": TIME * 1e3}, "expected at least two periods|whole number"),
         ({"t": -TIME}, "time goes from"),

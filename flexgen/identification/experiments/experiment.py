@@ -45,6 +45,8 @@ LARGEST = 1e100  # of a spectrum in a file
 HOLDS = ("zoh", "none")
 # Numbers of pose, realization and experiment.
 Run = tuple[int, int, int]
+# Called with a run, and its angles, torques and signals.
+Raw = Callable[[int, int, int, np.ndarray, np.ndarray, np.ndarray], None]
 LANES = 48  # robots that are simulated together
 FINER = 16.0  # than in other simulations: the step shifts a resonance by less than noise does
 
@@ -300,7 +302,7 @@ def _measure(
     seed: int,
     steps: int | None,
     beside: bool,
-    raw: Callable[[int, int, int, np.ndarray, np.ndarray, np.ndarray], None] | None,
+    raw: Raw | None,
     tell: Callable[[str], None] | None,
 ) -> Experiment:
     """The experiment, of the poses that were done before the end of the time."""
@@ -328,11 +330,8 @@ def _measure(
                     part = (done + len(group) * (period + 1) / plan.periods) / runs
                     tell(f"measure: {100 * part:.0f} % of {plan.duration_s:.0f} s of robot")
             np.add.at(saturated, [k for k, _, _ in group], loop.saturated)
-            for lane, run in enumerate(group) if raw is not None else ():
-                raw(
-                    *run,
-                    *(np.concatenate([part[i][:, lane] for part in recorded]) for i in range(3)),
-                )
+            if raw is not None:
+                _write_raw(raw, group, recorded)
             done += len(group)
         if done >= each:
             took_s = (perf_counter() - began) * each / len(group)
@@ -357,6 +356,15 @@ def _measure(
         plan, kept.tau_m[poses], kept.q_m[poses], speed, saturated[poses],
         f"simulation of {robot.name}", "zoh", signals, orders=orders, ended=ended, **near,
     )  # fmt: skip
+
+
+def _write_raw(raw: Raw, group: list[Run], recorded: list[tuple[np.ndarray, ...]]) -> None:
+    """Give the samples of all periods of each run to ``raw``."""
+    for lane, run in enumerate(group):
+        q_m, tau_m, signals = (
+            np.concatenate([part[i][:, lane] for part in recorded]) for i in range(3)
+        )
+        raw(*run, q_m, tau_m, signals)
 
 
 def _groups(plan: Plan) -> tuple[list[list[Run]], int]:
