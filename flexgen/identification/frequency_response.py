@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from time import perf_counter
 from typing import Any
 
@@ -133,7 +133,7 @@ class Frf(ArrayResult):
     torques: np.ndarray | None = None
     numbers: np.ndarray | None = None
     gains: np.ndarray | None = None
-    ended: str = ""
+    ended: str = field(default="", kw_only=True)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -249,7 +249,7 @@ class Frf(ArrayResult):
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
             *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise,
-            **dict(zip(OPTIONAL[3:], motion, strict=True)), ended=str(meta.get("ended", "")),
+            *motion, ended=str(meta.get("ended", "")),
         )  # fmt: skip
 
 
@@ -344,15 +344,12 @@ def _responses(experiment: Experiment, average: AverageName, transients: bool) -
     total = found.total if R >= LEAST_TOTAL else None
     known = average != "h1" and P > 1 and R == 1
     noises = (spread * found.noise_UU, spread * found.noise_YU) if known else (None, None)
-    motion = {}
-    if experiment.periodic:
-        values = U.mean(axis=2), plan.lines, gains_of(plan.controller)
-        motion = dict(zip(OPTIONAL[3:], values, strict=True))
+    motion = (U.mean(axis=2), plan.lines, gains_of(plan.controller)) if experiment.periodic else ()
     return Frf(
         plan.model, plan.motors, plan.poses[:done], w, found.G, found.UU,
         noise_periods * spread * found.C, spread * found.variance, total, P, E * R, hold,
         plan.hardware.delay_s, experiment.speed_sd[:done], warnings, plan.sensors,
-        _orders(experiment)[n:], *noises, **motion, ended=ended,
+        _orders(experiment)[n:], *noises, *motion, ended=ended,
     )  # fmt: skip
 
 
@@ -396,7 +393,7 @@ def _joined(parts: list[Any]) -> Any:
     """Estimates of some poses as one."""
     if len(parts) == 1:
         return parts[0]
-    names = [field.name for field in fields(parts[0])]
+    names = [one.name for one in fields(parts[0])]
     values = {name: [getattr(part, name) for part in parts] for name in names}
     joined = {k: None if x[0] is None else np.concatenate(x) for k, x in values.items()}
     return replace(parts[0], **joined)

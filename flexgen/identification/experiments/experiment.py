@@ -7,7 +7,7 @@ in which recordings of real robots are read.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -358,7 +358,7 @@ def _measure(
     )  # fmt: skip
 
 
-def _write_raw(raw: Raw, group: list[Run], recorded: list[tuple[np.ndarray, ...]]) -> None:
+def _write_raw(raw: Raw, group: list[Run], recorded: Sequence[tuple[np.ndarray, ...]]) -> None:
     """Give the samples of all periods of each run to ``raw``."""
     for lane, run in enumerate(group):
         q_m, tau_m, signals = (
