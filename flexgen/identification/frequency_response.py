@@ -336,7 +336,7 @@ def _responses(experiment: Experiment, average: AverageName, transients: bool) -
         part_known("poses", parts[-1].wall_s, len(groups) - len(parts))
     done = whole if len(parts) == len(groups) else len(parts)
     ended = experiment.ended if done == whole else reason_of_end()
-    found = _joined([part.estimates for part in parts])
+    found = _join([part.estimates for part in parts])
     U = np.concatenate([part.U for part in parts])
     spread = parts[0].spread if removes else spread
     hold = plan.hardware.sample_s if experiment.hold == "zoh" else 0.0
@@ -389,7 +389,7 @@ def _part(
     return _Part(found, U, spread, perf_counter() - began)
 
 
-def _joined(parts: list[Any]) -> Any:
+def _join(parts: list[Any]) -> Any:
     """Estimates of some poses as one."""
     if len(parts) == 1:
         return parts[0]

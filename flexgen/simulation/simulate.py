@@ -177,75 +177,59 @@ def simulate(
     >>> motion.tool_error_max_m < 1e-6
     True
     """
-    with limit_call("simulate", time_limit):
-        return _simulate(
-            model, trajectory, start, rtol, held, command, moving, feedback, wall, progress
-        )
-
-
-def _simulate(
-    model: str | FilePath | RobotModel | Equations,
-    trajectory: Trajectory | str | FilePath,
-    start: Equilibrium | None,
-    rtol: float,
-    held: float | None,
-    command: TorqueCommand | None,
-    moving: bool,
-    feedback: str,
-    wall: Wall | None,
-    progress: Choice,
-) -> Simulation:
-    """The simulation, in any time."""
     from flexgen.simulation import open_loop
 
-    equations = model if isinstance(model, Equations) else derive(model)
-    data = _check_choices(trajectory, rtol, held, feedback)
-    if abs(data.time[0]) > FAR * np.ptp(data.time):
-        options = {
-            "rtol": rtol,
-            "held": held,
-            "feedback": feedback,
-            "progress": progress,
-            "wall": wall,
-        }
-        return _simulate_late(
-            equations, data, command, options | {"start": start, "moving": moving}
+    with limit_call("simulate", time_limit):
+        equations = model if isinstance(model, Equations) else derive(model)
+        data = _check_choices(trajectory, rtol, held, feedback)
+        if abs(data.time[0]) > FAR * np.ptp(data.time):
+            options = {
+                "rtol": rtol,
+                "held": held,
+                "feedback": feedback,
+                "progress": progress,
+                "wall": wall,
+            }
+            return _simulate_late(
+                equations, data, command, options | {"start": start, "moving": moving}
+            )
+        data = convert_to_si("trajectory", data, channel_units(equations.model))
+        given, warnings = _read_channels(equations.model, data, moving)
+        given |= {} if wall is None else _before_wall(wall, equations, given)
+        task = _task(
+            equations,
+            data,
+            given,
+            start,
+            moving,
+            float(data.meta.get(HELD_KEY, 0.0)) if held is None else held,
         )
-    data = convert_to_si("trajectory", data, channel_units(equations.model))
-    given, warnings = _read_channels(equations.model, data, moving)
-    given |= {} if wall is None else _before_wall(wall, equations, given)
-    task = _task(
-        equations,
-        data,
-        given,
-        start,
-        moving,
-        float(data.meta.get(HELD_KEY, 0.0)) if held is None else held,
-    )
-    task = _push(
-        replace(task, command=_command(equations.model, data, given["tau_m"], command), wall=wall)
-    )
-    tell = progress if callable(progress) else None
-    growth, known = None, dict[str, Any]()
-    if feedback == AUTO:
-        growth, known = open_loop.analyze(
-            equations, data, task.given, task.held, task.command is None
+        task = _push(
+            replace(
+                task, command=_command(equations.model, data, given["tau_m"], command), wall=wall
+            )
         )
-    known = {"warnings": warnings} | (known if wall is None else {})
-    if feedback == NONE or (
-        feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)
-    ):
-        return replace(
-            open_loop.without_lost_errors(
-                _simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth
-            ),
-            **known,
-        )
-    chosen = default_feedback(equations, given["q_a"][0], given["q_m"][0], given["tau_m"][0])
-    if growth is not None:
-        known["warnings"] = (*warnings, _growth_warning(growth, chosen))
-    closed = _simulate_once(task, rtol, chosen, tell)
-    return replace(closed, open_loop=_simulate_open_loop(task, rtol, growth, tell), **known)
+        tell = progress if callable(progress) else None
+        growth, known = None, dict[str, Any]()
+        if feedback == AUTO:
+            growth, known = open_loop.analyze(
+                equations, data, task.given, task.held, task.command is None
+            )
+        known = {"warnings": warnings} | (known if wall is None else {})
+        if feedback == NONE or (
+            feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)
+        ):
+            return replace(
+                open_loop.without_lost_errors(
+                    _simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth
+                ),
+                **known,
+            )
+        chosen = default_feedback(equations, given["q_a"][0], given["q_m"][0], given["tau_m"][0])
+        if growth is not None:
+            known["warnings"] = (*warnings, _growth_warning(growth, chosen))
+        closed = _simulate_once(task, rtol, chosen, tell)
+        return replace(closed, open_loop=_simulate_open_loop(task, rtol, growth, tell), **known)
 
 
 def _simulate_late(

@@ -6,12 +6,8 @@ from typing import Any
 
 import numpy as np
 
-<<<<<<< HEAD
-from flexgen.display import Scales, format_size
-=======
 from flexgen.deadline import OutOfTime
-from flexgen.display import format_size
->>>>>>> 5093e90b (calls: end control, frf, measure, predict at a limit)
+from flexgen.display import Scales, format_size
 from flexgen.loop.control import control
 from flexgen.loop.result import UNITS, ControlRun
 from flexgen.model.elements import RobotModel

@@ -152,7 +152,7 @@ PARAMETERS = {
     # robots, drives and noise are given apart by five callers with other choices
     "loop/closed_loop.py __init__": 15,
     # a verb; two for the force that acts and the one that the feedforward assumes
-    "loop/control.py control": 18,
+    "loop/control.py control": 19,
     "loop/case.py control_case": 14,  # the options of the verb control but the controller
     "observers/constant_gain.py __init__": 9,  # a public class with keywords
     "observers/extended_kalman.py __init__": 9,  # a public class with keywords
@@ -168,7 +168,8 @@ PARAMETERS = {
     "runtime/path_inversion.py __call__": 16,  # the members of the samples and of the options in C
     "runtime/stream.py __init__": 15,  # the options of `Library.stream`
     "servo/command.py command_positions": 10,  # a verb
-    "simulation/simulate.py simulate": 10,  # a verb
+    "simulation/simulate.py simulate": 11,  # a verb
+    "sweeps/sweep.py sweep": 9,  # a verb
 }
 
 # loaded by `flexgen.solve`, before a call, and by `flexgen --version`

@@ -149,7 +149,7 @@ def _further(
         found = check_passivity(run)
         return Part(found.to_dict(), lambda scales: str(found))
 
-    def drawn() -> Part:
+    def draw_robots() -> Part:
         from flexgen.uncertainty.in_loop import error_in_loop, error_text
 
         options = keywords(args, "move", "plants", "disturbances", "wall", "assumed_force")
@@ -160,7 +160,7 @@ def _further(
     asked = {
         "feedforward": (feedforward, args.compare is not False and is_done),
         "passivity": (passivity, bool(args.passivity)),
-        "drawn": (drawn, model.uncertainty is not None and is_done),
+        "drawn": (draw_robots, model.uncertainty is not None and is_done),
     }
     return [(name, compute) for name, (compute, wanted) in asked.items() if wanted]
 
