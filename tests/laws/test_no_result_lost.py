@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.identification.recordings.recording_writer import RecordingWriter
+from flexgen.numerics.trust_region import minimize
 from flexgen.verbs import VERBS
 
 pytestmark = needs_compiler
@@ -365,21 +367,23 @@ def test_a_limit_that_ends_before_the_first_part_says_so(name: str, folder: Path
 def test_a_fit_that_has_not_converged_writes_its_best_step(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Marked in the file and in the status; the numbers are those that are printed."""
-    from flexgen.identification import graybox
-    from flexgen.identification.fit_status import FitStatus
-
+    """Marked in the file and in the status: a search whose last step is still too long."""
     if not (folder / "frf.npz").exists():
         responses(folder)
-    monkeypatch.setattr(graybox, "_status", lambda *given: FitStatus.NOT_CONVERGED)
+
+    def unfinished(*given: object, **options: object) -> object:
+        return replace(minimize(*given, **options), converged=False)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("flexgen.identification.graybox.minimize", unfinished)
     out = folder / "not_converged.toml"
     words = ["identify", str(folder / "sampled.toml"), str(folder / "frf.npz"), "--out", str(out)]
     assert main([*words, "--starts", "1", "-q"]) == 1
     shown = capsys.readouterr()
     assert "not converged" in shown.err and f"wrote {out}" in shown.out
     assert "not converged" in out.read_text()
-    found = flexgen.read(out).elements[0].dofs[0].spring
-    assert found is not None and found.stiffness == pytest.approx(1.1e5, rel=0.05)
+    found = re.search(r"^.*stiffness = ([0-9.e+]+).*$", out.read_text(), re.MULTILINE)
+    # the spring of the robot that was measured
+    assert found is not None and float(found[1]) == pytest.approx(1.1e5, rel=0.05)
 
 
 @pytest.mark.parametrize("name", SLOW)

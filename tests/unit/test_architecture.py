@@ -150,7 +150,7 @@ PARAMETERS = {
     "inversion/solve.py solve": 19,
     "library/generate.py generate": 15,  # a verb
     # robots, drives and noise are given apart by five callers with other choices
-    "loop/closed_loop.py __init__": 15,
+    "loop/closed_loop.py __init__": 16,
     # a verb; two for the force that acts and the one that the feedforward assumes
     "loop/control.py control": 19,
     "loop/case.py control_case": 14,  # the options of the verb control but the controller
