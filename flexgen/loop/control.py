@@ -50,7 +50,7 @@ CHUNK = 2000  # samples between two progress messages
 PARTS = 40  # of the reference with gains of their own
 # more steps, one after the other, where gears or frictions slip faster than in the planned motion
 FINER = (4, 4, 4)
-# Robots beside the model that are simulated together where the time is limited: a vector unit
+# Robots in addition to the model that are simulated together where the time is limited: a vector unit
 # computes so many at once.
 TOGETHER = 8
 

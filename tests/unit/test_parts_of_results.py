@@ -37,7 +37,7 @@ def plan(robot: Any) -> Any:
 
 
 def end_after_first_part(monkeypatch: pytest.MonkeyPatch, module: str, event: str) -> list[int]:
-    """The clock goes on by a day, or Ctrl-C is pressed, when a module states its first part."""
+    """The clock is a day later, or Ctrl-C is pressed, when a module states its first part."""
     late = [0.0]
     first = flexgen.deadline.part_known
     left: list[int] = []
