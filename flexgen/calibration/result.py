@@ -18,7 +18,7 @@ from flexgen.counts import count_of
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.model.new_file import text_of_model, write_model_text
+from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
 from flexgen.model.reader import read
 from flexgen.results import Result
 from flexgen.spec.arguments import seed_of
@@ -40,7 +40,8 @@ def write_calibrated(
         The model has no file, or one with this variant.
     """
     text, folder = text_of_model(model.file)
-    new = with_variant(text, Path(model.file).name, VARIANT, changes, source, model.variant)
+    sets = with_overrides(model, changes)
+    new = with_variant(text, Path(model.file).name, VARIANT, sets, source, model.variant)
     return write_model_text(path, new, folder, VARIANT, dry=dry)
 
 
@@ -179,7 +180,8 @@ class Calibration(Result):
             raise ArgumentError(
                 "calibration: given a model without a file, expected one that was read from a .toml file"
             )
-        return read(self.nominal.file, self.nominal.variant or None, overrides=self.changes)
+        changes = with_overrides(self.nominal, self.changes)
+        return read(self.nominal.file, self.nominal.variant or None, overrides=changes)
 
     @property
     def frame(self) -> np.ndarray:

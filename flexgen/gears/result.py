@@ -12,7 +12,7 @@ import numpy as np
 
 from flexgen.display import Figure, figure_rows, plain
 from flexgen.model.elements import RobotModel
-from flexgen.model.new_file import text_of_model, write_model_text
+from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
 from flexgen.model.reader import read
 from flexgen.results import Result
 from flexgen.spec.explained_status import OUT_OF_TIME, STOPPED, ExplainedStatus
@@ -87,7 +87,8 @@ def write_gears(
         The model has no file, or one with this variant.
     """
     text, folder = text_of_model(robot.file)
-    new = with_variant(text, Path(robot.file).name, VARIANT, changes, description, robot.variant)
+    sets = with_overrides(robot, changes)
+    new = with_variant(text, Path(robot.file).name, VARIANT, sets, description, robot.variant)
     return write_model_text(path, new, folder, VARIANT, dry=dry)
 
 
@@ -226,7 +227,8 @@ class GearFit(Result):
     @property
     def model(self) -> RobotModel:
         """The model with the changes; the one before comes from a file."""
-        return read(self.robot.file, self.robot.variant or None, overrides=self.changes)
+        changes = with_overrides(self.robot, self.changes)
+        return read(self.robot.file, self.robot.variant or None, overrides=changes)
 
     def save(self, path: str | Path) -> Path:
         """Write ``.toml``: the model file with the changes as a further variant ``identified``; ``.json``: the numbers.

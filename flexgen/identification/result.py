@@ -31,7 +31,7 @@ from flexgen.identification.parameters import (
 from flexgen.loop.robustness import ControlName
 from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
-from flexgen.model.new_file import text_of_model, write_model_text
+from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
 from flexgen.model.overlay_keys import has_table, overlay_key
 from flexgen.progress import Choice
 from flexgen.registry import find_function
@@ -373,7 +373,8 @@ def write_model(
 
     Relative paths in the file, of samples and of a URDF file, lead to the same files from the new
     folder. The numbers of an overlay are those that it states; where it has no key for one, all of
-    them are in its variant `IDENTIFIED`.
+    them are in its variant `IDENTIFIED`. The numbers of a model that was read with overrides are in
+    this variant too, with the overrides.
 
     Parameters
     ----------
@@ -412,6 +413,9 @@ def write_model(
         return write_model_text(path, text, folder, chosen, check, dry)
 
     overlay = tomllib.loads(old)
+    if model.overrides:
+        numbers = {p.key: values[p.name] for p in _numbers(model, values)}
+        return write(_as_variant(old, file, model, numbers, words), IDENTIFIED)
     given = (model, values, sd, words.source, file, words.note)
     if "urdf" not in overlay:
         text = words.head + write_parameters(old, *given)
@@ -424,9 +428,16 @@ def write_model(
         text = words.head + write_parameters(old, *given, key_of=own.__getitem__)
         return write(words.finish(text), variant)
     except ModelError:  # also of a number of the overlay that is that of several links
-        line = f"identified parameters ({_one_line(words.source)}); {words.note}".rstrip("; ")
-        text = words.head + with_variant(old, file, IDENTIFIED, numbers, line, model.variant)
-        return write(text, IDENTIFIED)
+        return write(_as_variant(old, file, model, numbers, words), IDENTIFIED)
+
+
+def _as_variant(
+    old: str, file: str, model: RobotModel, numbers: Mapping[str, float], words: FileWords
+) -> str:
+    """The text of a model file with numbers, and the overrides of the model, as its variant."""
+    line = f"identified parameters ({_one_line(words.source)}); {words.note}".rstrip("; ")
+    changes = with_overrides(model, numbers)
+    return words.head + with_variant(old, file, IDENTIFIED, changes, line, model.variant)
 
 
 def check_file(path: str | Path, model: RobotModel, names: Iterable[str] = ()) -> None:

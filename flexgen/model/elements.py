@@ -367,6 +367,8 @@ class RobotModel:
     temperature: Any = 20.0  # [deg C], a number; a symbol where it is a run-time parameter
     # by the name of the degree of freedom; no part of the data of the robot
     urdf_joints: Mapping[str, UrdfJoint] = field(default_factory=dict, compare=False, repr=False)
+    # of `flexgen.read`: what the file and the variant do not have; for new model files
+    overrides: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse names that files, C, XML and pages are not made for; those of moves are checked by themselves."""

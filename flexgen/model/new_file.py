@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from flexgen.atomic_files import check_writable, temporary_folder, write_text
 from flexgen.errors import ArgumentError, ModelError
@@ -53,6 +54,20 @@ def text_of_model(model_file: str) -> tuple[str, Path]:
             "result and in --json"
         )
     return path.read_text(encoding="utf-8"), path.parent
+
+
+def with_overrides(model: RobotModel, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes of a new model file, after those that the model was read with.
+
+    Parameters
+    ----------
+    model : RobotModel
+        With the overrides of `flexgen.read`, which its file does not have.
+    changes : mapping
+        Dotted keys of the model file and their values.
+    """
+    before = {key: value for key, value in model.overrides.items() if key not in changes}
+    return before | dict(changes)
 
 
 def relocate(text: str, old: Path, new: Path) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -93,14 +94,15 @@ def read(
             f"overrides: given {show(overrides)}, expected a mapping of dotted paths to values, such as "
             '{"payload.mass": 2.0}'
         )
+    kept = {}
     for key, value in (overrides or {}).items():
-        _override(root, shown, key, value)
+        kept[key] = _override(root, shown, key, value)
     robot = _robot(Table(shown, root, ""), chosen, tuple(variants))
     for other in variants.values():  # checks the paths of the variants that were not chosen
         other.apply(toml_lines.copy(unchanged))
     if urdf:
         _check_inertia(root, robot)
-    return replace(robot, file=again, urdf_joints=joints)
+    return replace(robot, file=again, urdf_joints=joints, overrides=kept)
 
 
 def model_names() -> list[str]:
@@ -241,7 +243,8 @@ def _variants(root: Entry, shown: str) -> dict[str, _Variant]:
     return out
 
 
-def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
+def _override(root: Entry, shown: str, key: Any, value: Any) -> Any:
+    """Set a value, and return it as plain data."""
     if not isinstance(key, str):
         raise ArgumentError(f"overrides: given the key {key!r}, expected a dotted path")
     plain = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
@@ -255,6 +258,7 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
         ) from None
     except _NoSuchPath as error:
         raise ModelError(where, 0, key or '""', "a path that does not exist", str(error)) from None
+    return deepcopy(plain)
 
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:

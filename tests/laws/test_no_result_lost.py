@@ -13,6 +13,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -463,3 +464,19 @@ def test_a_time_limit_that_ends_before_the_first_step_says_so(name: str, folder:
     done = run(folder, FITS[name], out, "--time-limit", "1e-9")
     assert done.code == 1 and "time limit" in done.err and "Traceback" not in done.err
     assert not out.exists() or "time limit" in numbers_in(FITS[name], out)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_changes_of_the_command_line_are_in_the_new_model_file(name: str, folder: Path) -> None:
+    """The number that ``--set`` states, and the fitted numbers, are in the same variant."""
+    fit = FITS[name]
+    if fit.ending != ".toml" or fit.verb == "identify-servo":
+        pytest.skip("no model file is written")
+    out = folder / "changed" / f"{name.replace(' ', '_')}.toml"
+    done = run(folder, fit, out, "--set", "gravity=[0, 0, -9.7]")
+    assert done.code in (0, 1), done.err
+    robot = flexgen.read(out, fit.variant or "identified")
+    assert robot.gravity == (0.0, 0.0, -9.7)
+    assert robot.overrides == {} and flexgen.read(out).gravity == (0.0, 0.0, -9.81)
+    sets = tomllib.loads(out.read_text())["variant"][fit.variant or "identified"]["set"]
+    assert len(sets) > 1

@@ -328,7 +328,7 @@ def dump(value: Any) -> Any:
         fields = {
             field.name: dump(getattr(value, field.name))
             for field in dataclasses.fields(value)
-            if field.name != "urdf_joints"  # no data of the robot
+            if field.name not in ("urdf_joints", "overrides")  # no data of the robot
         }
         return [type(value).__name__, fields]
     if isinstance(value, list | tuple):

@@ -54,11 +54,16 @@ class RecordingWriter:
             np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
         self.files.append((pose, name))
 
+    def _model(self) -> str:
+        """The file of the model, and its variant."""
+        file = str(Path(self.model.file).resolve())
+        return f"{file}@{self.model.variant}" if self.model.variant else file
+
     def finish(self) -> Path:
         """Write the description ``recordings.toml``; returns its path."""
         plan = self.plan
         rows = [
-            f"model = {json.dumps(str(Path(self.model.file).resolve()))}",
+            f"model = {json.dumps(self._model())}",
             f"period_s = {plan.period_s!r}",
             'hold = "zoh"',
             f"delay_s = {plan.hardware.delay_s!r}",
