@@ -29,7 +29,7 @@ from flexgen.identification.parameters import (
     with_sensor_delays,
 )
 from flexgen.loop.robustness import ControlName
-from flexgen.mechanics.parameters import Parameter, select, with_values
+from flexgen.mechanics.parameters import Parameter, names_of_numbers, select, with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.new_file import text_of_model, with_overrides, write_model_text
 from flexgen.model.overlay_keys import has_table, overlay_key
@@ -373,8 +373,8 @@ def write_model(
 
     Relative paths in the file, of samples and of a URDF file, lead to the same files from the new
     folder. The numbers of an overlay are those that it states; where it has no key for one, all of
-    them are in its variant `IDENTIFIED`. The numbers of a model that was read with overrides are in
-    this variant too, with the overrides.
+    them are in its variant `IDENTIFIED`. The numbers of a model that was read with overrides are
+    in this variant too, with the overrides.
 
     Parameters
     ----------
@@ -436,8 +436,24 @@ def _as_variant(
 ) -> str:
     """The text of a model file with numbers, and the overrides of the model, as its variant."""
     line = f"identified parameters ({_one_line(words.source)}); {words.note}".rstrip("; ")
-    changes = with_overrides(model, numbers)
+    changes = with_overrides(model, _whole_lists(model, numbers))
     return words.head + with_variant(old, file, IDENTIFIED, changes, line, model.variant)
+
+
+def _whole_lists(model: RobotModel, numbers: Mapping[str, float]) -> dict[str, Any]:
+    """The numbers by key; those of a list, such as a center of mass, as this list.
+
+    A variant has no key for one number of a list.
+    """
+    single = {key: x for key, x in numbers.items() if not key.rpartition(".")[2].isdecimal()}
+    stems = {key.rpartition(".")[0] for key in numbers if key not in single}
+    lists: dict[str, list[float]] = {}
+    for parameter in select(model, names_of_numbers(model)) if stems else ():
+        stem = parameter.key.rpartition(".")[0]
+        if stem in stems:
+            value = numbers.get(parameter.key, parameter.value)
+            lists.setdefault(stem, []).append(float(value))
+    return single | lists
 
 
 def check_file(path: str | Path, model: RobotModel, names: Iterable[str] = ()) -> None:
