@@ -57,6 +57,9 @@ PASS, STOP = 0.35, 0.5
 DECIBELS = 80.0
 # Rates that differ by less are interpolated without a filter.
 SAME_RATE = 1.3
+# Part of a step by which equal steps may end after the last sample: a line through stamps that
+# scatter is not known better, and a last period would lack one sample.
+BEYOND = 1e-2
 # Samples of a piece between gaps, at least.
 FEWEST = 16
 # Part of the changes of an angle that are in every m-th row, from which on it was sampled there
@@ -307,7 +310,7 @@ def resample(
     pieces = []
     for begin, end in spans:
         first = slowest.time[np.searchsorted(slowest.time, begin - 1e-9 * h)]
-        n = int((end - first) / h + 1e-6) + 1
+        n = int((end - first) / h + BEYOND) + 1
         t = first + h * np.arange(n)
         columns = [
             _column(clocks[k], x, t, h, begin, instants) for k, x in zip(own, values, strict=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +100,76 @@ def _csv(file: Path, columns: Sequence[str] | None) -> dict[str, Any]:
     if len(set(kept)) != len(kept):
         raise ArgumentError(f"{file}: given the names {names}, expected different names")
     return {name: column for name, column in zip(names, values.T, strict=True) if name != SKIPPED}
+
+
+def read_cells(
+    file: Path,
+    most: int,
+    columns: Sequence[str] | None = None,
+    texts: Callable[[str], bool] = lambda name: False,
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The names of the columns of a CSV file, and its lines as texts with their numbers.
+
+    Parameters
+    ----------
+    file : Path
+    most : int
+        Lines with values.
+    columns : sequence of str, optional
+        Names in place of those in the first line, if it has any; ``"-"``: left out.
+    texts : callable
+        Whether a column of this name has texts: the first line is one of values where all of its
+        other cells are numbers.
+
+    Raises
+    ------
+    ArgumentError
+        The file cannot be read, has too many lines or other cells than names, or no names.
+    """
+    try:
+        with open_file(file, encoding="utf-8-sig", newline="") as stream:
+            rows = list(_filled_rows(file, csv.reader(stream), most))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ArgumentError(f"{file}: cannot be read as CSV: {error}") from None
+    if not rows:
+        raise ArgumentError(
+            f"{file}: given an empty file, expected a line of names and a line for each pose"
+        )
+    top, first = rows[0]
+    names = [name.strip() for name in columns or first]
+    pairs = [pair for pair in zip(names, first, strict=False) if pair[0] != SKIPPED]
+    if columns is not None:
+        pairs = [(name, cell) for name, cell in pairs if not texts(name)]
+    numbers = all(is_number(cell.strip()) for _, cell in pairs)
+    if numbers and columns is None:
+        raise ArgumentError(
+            f"{file}:{top}: given numbers in the first line, expected the names of the columns; "
+            "state them by --columns NAME,NAME,..."
+        )
+    if columns is None or not numbers:
+        rows = rows[1:]
+    for line, cells in rows:
+        if len(cells) != len(names):
+            source = "line 1" if columns is None else "the names"
+            raise ArgumentError(
+                f"{file}:{line}: given {len(cells)} cells, expected {len(names)}, as {source}"
+            )
+    kept = [k for k, name in enumerate(names) if name != SKIPPED]
+    lines = [(line, [cells[k].strip() for k in kept]) for line, cells in rows]
+    return [names[k] for k in kept], lines
+
+
+def _filled_rows(
+    file: Path, reader: Iterable[list[str]], most: int
+) -> Iterator[tuple[int, list[str]]]:
+    """Lines that are neither empty nor comments, with their numbers."""
+    for line, row in enumerate(reader, start=1):
+        if line > most + 1:
+            raise ArgumentError(
+                f"{file}: given more than {most} lines, expected at most {most} poses"
+            )
+        if any(cell.strip() for cell in row) and not row[0].startswith("#"):
+            yield line, row
 
 
 def _names(file: Path) -> tuple[list[str], int]:
