@@ -282,7 +282,9 @@ identify MODEL | identify:identify | identify
 calibrate MODEL | calibration:calibrate | calibrate
     arguments
         <poses> DATA: CSV file of static poses: commanded joints (q1_rad or q1_deg), positions of the trackers (NAME_x_m
-            or NAME_x_mm, ...); one line for each pose
+            or NAME_x_mm, ...), or what they touch (NAME_point, NAME_touch, NAME_reading_mm); one
+            line for each pose
+        columns NAME,NAME,... names: names of the columns of a file without a header
     fit
         free NAME,NAME,... names: groups of numbers: zeros, placements, compliances, mechanisms, masses; default: all
         place NAME,NAME,... names: elements whose place at their parent is not known

@@ -17,7 +17,13 @@ import numpy as np
 from flexgen.calibration.accuracy import Accuracy, accuracy_of
 from flexgen.calibration.components import Tilt, find_tilt, seen_others, tilt_slopes, whitening_of
 from flexgen.calibration.fit import Minimum, Problem, fit
-from flexgen.calibration.mistakes import DOUBTFUL, find_start, place_points, start_at_points
+from flexgen.calibration.mistakes import (
+    DOUBTFUL,
+    find_start,
+    place_points,
+    place_surfaces,
+    start_at_points,
+)
 from flexgen.calibration.parameters import (
     GROUPS,
     Priors,
@@ -56,6 +62,7 @@ def calibrate(
     priors: Priors | None = None,
     folds: int = 5,
     robust: bool = True,
+    columns: Sequence[str] | None = None,
     time_limit: float | None = None,
     progress: Choice = None,
 ) -> Calibration:
@@ -85,6 +92,9 @@ def calibrate(
         Parts of the poses that are left out in turn to measure the error on poses that were not fitted; 0: none.
     robust : bool
         Huber's loss, which limits the weight of gross errors; False: plain least squares.
+    columns : sequence of str, optional
+        Names of the columns of a file without a header, such as ``q1 deg,q2 deg,-,p_x,p_y,p_z``;
+        without unit in SI units.
     time_limit : float, optional [s]
         Then, or after Ctrl-C, the result is the best step so far; its ``ended`` says so. None or 0:
         unlimited.
@@ -119,23 +129,31 @@ def calibrate(
     robot = model if isinstance(model, RobotModel) else read(model)
     refuse_harmonics(robot, "calibrate")
     tree, trackers = Tree(robot), trackers_of(robot)
-    data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot)
+    if columns is not None and isinstance(poses, StaticPoses):
+        raise ArgumentError("columns: given with poses in memory, expected a .csv file")
+    data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot, columns)
     _check(robot, data, len(trackers), folds)
     _check_points(robot, data, place)
+    touches = data.surfaces
     unknowns, held = _unknowns(tree, free, place, priors or Priors(), data)
     with limit_fit("calibrate", time_limit, tell):
-        study = _Study(Statics(tree, data.commands, data.groups), data.targets, unknowns, robust)
+        statics = Statics(tree, data.commands, data.groups)
         if data.is_measured:
-            found = find_start(study.statics, data, place, tell)
+            found = find_start(statics, data, place, tell)
         else:
-            found = start_at_points(study.statics, data)
-        centers = place_points(study.statics, found, data.groups, len(data.point_names))
+            found = start_at_points(statics, data)
+        centers = place_points(statics, found, data.groups, len(data.point_names))
         found = replace(found, points=centers)
         frames, _ = _unknowns(tree, (), place, priors or Priors(), data)
+        if touches is not None:
+            touches, surfaces = place_surfaces(statics, found, touches)
+            found = replace(found, surfaces=surfaces)
+            frames += touches.unknowns()
+            unknowns += touches.unknowns()
+            statics = Statics(tree, data.commands, data.groups, touches)
+        study = _Study(statics, data.targets, unknowns, robust, data.weights)
         known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
-        before = fit(
-            Problem(study.statics, data.targets, frames, robust), np.array(list(known.values()))
-        )
+        before = fit(study.problem(frames), np.array(list(known.values())))
         result, accuracy, tilt = study.fit(
             np.array([known.get(u.name, u.start) for u in unknowns]), tell
         )
@@ -170,8 +188,14 @@ class _Study:
     """Fits to all poses and to parts of them."""
 
     def __init__(
-        self, statics: Statics, measured: np.ndarray, unknowns: Sequence[Unknown], robust: bool
+        self,
+        statics: Statics,
+        measured: np.ndarray,
+        unknowns: Sequence[Unknown],
+        robust: bool,
+        weights: np.ndarray | None = None,
     ) -> None:
+        self.weights = weights
         self.statics, self.measured, self.unknowns, self.robust = (
             statics,
             measured,
@@ -180,30 +204,31 @@ class _Study:
         )
         self.valid = np.isfinite(measured).all(axis=2)
 
+    def problem(self, unknowns: Sequence[Unknown], whitening: np.ndarray | None = None) -> Problem:
+        """That of all poses."""
+        given = (self.statics, self.measured, unknowns, self.robust)
+        return Problem(*given, whitening, self.weights)
+
     def fit(
         self, start: np.ndarray, tell: Callable[[str], None] | None
     ) -> tuple[Minimum, Accuracy, Tilt | None]:
         """Each point by itself first; then, where trackers share a tilt, with the covariance of each pose."""
-        statics, measured, unknowns = self.statics, self.measured, self.unknowns
-        problem = Problem(statics, measured, unknowns, self.robust)
+        problem = self.problem(self.unknowns)
         found = fit(problem, start, progress=tell)
         tilt = self._tilt(found)
         if tilt is None or is_over():
             return found, accuracy_of(problem, found), None
-        problem = Problem(
-            statics,
-            measured,
-            unknowns,
-            self.robust,
-            self._whitening(statics, found, tilt, self.valid),
-        )
+        whitening = self._whitening(self.statics, found, tilt, self.valid)
+        problem = self.problem(self.unknowns, whitening)
         found = fit(problem, found.x, found.rest.near, progress=tell)
         return found, accuracy_of(problem, found), self._tilt(found)
 
     def _tilt(self, found: Minimum) -> Tilt | None:
         if self.statics.groups is not None and (self.statics.groups >= 0).any():
             return None  # it would move the poses at a fixed point against each other
-        gross = (np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1)
+        if self.statics.touches is not None or self.weights is not None:
+            return None  # a tilt is told from noise of three numbers with one deviation
+        gross = (np.nan_to_num(found.sizes) > GROSS).any(axis=1)
         numbers = Numbers.of(self.statics.tree, self.unknowns, found.x)
         return find_tilt(self.statics, numbers, found.rest, self.measured, ~gross)
 
@@ -229,9 +254,9 @@ class _Study:
             left_out = np.sort(order[k::folds])
             kept = np.setdiff1d(np.arange(len(order)), left_out)
             inner = None if whitening is None else whitening[kept]
-            problem = Problem(
-                self.statics.among(kept), self.measured[kept], self.unknowns, self.robust, inner
-            )
+            weights = None if self.weights is None else self.weights[kept]
+            part = (self.statics.among(kept), self.measured[kept], self.unknowns, self.robust)
+            problem = Problem(*part, inner, weights)
             if is_over():
                 return None, None
             one = fit(problem, whole.x, whole.rest.near.among(kept), whole.damping)
@@ -242,6 +267,9 @@ class _Study:
                 # the place of a point that no other pose touches is not known
                 groups = self.statics.groups
                 known = (groups < 0) | np.isin(groups, groups[kept])
+                errors[left_out] = np.where(known[left_out], errors[left_out], np.nan)
+            if self.statics.touches is not None:
+                known = self.statics.touches.find_known(kept)
                 errors[left_out] = np.where(known[left_out], errors[left_out], np.nan)
             if seen is not None and tilt is not None:
                 seen[left_out] = seen_others(others, numbers, rest, self.measured[left_out], tilt)
@@ -277,12 +305,12 @@ def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None
 def _check_points(robot: RobotModel, data: StaticPoses, place: Sequence[str]) -> None:
     """Refuse what fixed points with measured positions, or without any, cannot start from."""
     seen = np.isfinite(data.positions).all(axis=2)
-    if not data.point_names:
+    if not data.point_names and not np.any(data.touches != ""):
         return
     if not data.is_measured:
         if place:
             raise ArgumentError(
-                f"place: given {', '.join(place)} and fixed points only, expected measured "
+                f"place: given {', '.join(place)} and touches only, expected measured "
                 "positions for elements without a known place"
             )
         return
@@ -290,7 +318,7 @@ def _check_points(robot: RobotModel, data: StaticPoses, place: Sequence[str]) ->
     for name, count in zip(trackers, seen.sum(axis=0).tolist(), strict=True):
         if count < FEWEST:
             raise ArgumentError(
-                f"poses: given {count} measured positions of {name} beside fixed points, expected "
+                f"poses: given {count} measured positions of {name} beside touches, expected "
                 f"none of any tracker, or at least {FEWEST} of each"
             )
 
@@ -300,12 +328,15 @@ def _unknowns(
 ) -> tuple[list[Unknown], str]:
     """The free numbers of the model and the fixed points; and the one that is held for the scale.
 
-    Fixed points alone have no frame of the measurement, and all lengths can grow alike.
+    Touches alone have no frame of the measurement, and where none states a length all lengths can
+    grow alike.
     """
     found = unknowns_of(tree, free, place, priors)
     held = ""
     if not data.is_measured:
-        held = length_of_scale(tree) if "placements" in free else ""
+        touches = data.surfaces
+        lengths = touches is not None and touches.has_scale
+        held = length_of_scale(tree) if "placements" in free and not lengths else ""
         found = [u for u in found if u.kind != "frame" and u.name != held]
     return [*found, *points_of(data.point_names)], held
 
@@ -314,8 +345,9 @@ def _warn_scale(held: str) -> tuple[str, ...]:
     if not held:
         return ()
     return (
-        f"fixed points alone have no length scale: {held} is held at the model file, the other "
-        "lengths and their deviations are relative to it; a few measured positions determine it",
+        f"touches without a length have no length scale: {held} is held at the model file, the "
+        "other lengths and their deviations are relative to it; a few measured positions "
+        "determine it",
     )
 
 
@@ -326,6 +358,7 @@ def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
         "tracker": found.trackers,
         "node": found.shifts,
         "point": found.points,
+        "surface": found.surfaces,
     }
     return np.array([arrays[u.kind][u.at if len(u.at) > 1 else u.at[0]] for u in unknowns])
 
@@ -370,7 +403,7 @@ def _warnings(
             f"the mean error on poses that were not fitted is {ratio:.2g} times that of the fit: measure more poses "
             "or free fewer groups"
         )
-    gross = np.flatnonzero((np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1))
+    gross = np.flatnonzero((np.nan_to_num(found.sizes) > GROSS).any(axis=1))
     if len(gross):
         shown = ", ".join(str(k + 1) for k in gross[:10]) + (", ..." if len(gross) > 10 else "")
         out.append(

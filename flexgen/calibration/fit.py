@@ -3,7 +3,9 @@
     min  sum rho(|y - y_measured| / s) + sum ((x - x_0)/sd)^2,     rho(u) = u^2 for u <= k, 2 k u - k^2 beyond
 
 One length per point and not one per axis, so that the fit does not depend on the axes. The scale ``s`` is the median of
-the errors over 1.54, the median of the length of a vector of three unit Gaussians.
+the errors over 1.54, the median of the length of a vector of three unit Gaussians; of touches and
+readings of one number over 0.674. Errors with a stated standard deviation are divided by it, over
+the median of those that are stated.
 
 Source: P. J. Huber, Robust Statistics, 1981, ch. 7; J. Nocedal and S. Wright, Numerical Optimization, 2006, ch. 10.
 """
@@ -22,6 +24,10 @@ from flexgen.errors import SolverError
 
 TUNING = 2.5  # k of Huber's function: 2.5 standard deviations of one axis
 MEDIAN_LENGTH = 1.538172  # of a vector of three unit Gaussians
+MEDIAN_SIZE = 0.6744898  # of one unit Gaussian, without its sign
+# Least eigenvalue of the part of its errors that a fit leaves to a pose: of less, the pose alone
+# determines a number, and its errors tell nothing about their deviation.
+LEAST_LEFT = 1e-6
 STEPS = 40
 SMALL_GAIN = 2e-5  # of the objective, as a part: where the search ends
 LEAST_GAIN = 1e-6  # in squares of standard deviations, where the errors are zero but for rounding
@@ -39,7 +45,8 @@ LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of
 class Minimum:
     """``x`` (p,), ``rest``, ``gap`` (N, k, 3), ``errors`` (N, k) [m], ``scale`` [m]; ``converged``: it is one.
 
-    ``damping``: of the last steps, where a search nearby starts.
+    ``damping``: of the last steps, where a search nearby starts; ``sizes`` (N, k): errors over the
+    scale.
     """
 
     x: np.ndarray
@@ -49,13 +56,14 @@ class Minimum:
     scale: float
     converged: bool
     damping: float
+    sizes: np.ndarray
 
 
 class Problem:
     """Measured positions, unknowns with their priors and bounds; see `fit`.
 
     ``whitening`` (N, 3 k, 3 k): with it the errors of a pose are ``W r`` with unit covariance, and count as one length;
-    without it each point counts, over the scale.
+    without it each point counts, over the scale. ``weights`` (N, k): factors of the errors.
     """
 
     def __init__(
@@ -65,6 +73,7 @@ class Problem:
         unknowns: Sequence[Unknown],
         robust: bool,
         whitening: np.ndarray | None = None,
+        weights: np.ndarray | None = None,
     ) -> None:
         self.statics, self.unknowns, self.robust, self.whitening = (
             statics,
@@ -72,6 +81,10 @@ class Problem:
             robust,
             whitening,
         )
+        self.weights = weights
+        self.medians: np.ndarray | None = None
+        if statics.touches is not None:
+            self.medians = np.where(statics.touches.touched, MEDIAN_SIZE, MEDIAN_LENGTH)
         self.valid = np.isfinite(measured).all(axis=2)
         self.measured = np.where(self.valid[..., None], measured, 0.0)
         self.sharpest = SHARPEST * min(
@@ -88,13 +101,20 @@ class Problem:
         return Numbers.of(self.statics.tree, self.unknowns, x)
 
     def evaluate(self, x: np.ndarray, near: Near | None) -> tuple[Rest, np.ndarray, np.ndarray]:
-        """The rest, the differences (N, k, 3), zero where nothing was measured, and their lengths (N, k) [m]."""
+        """The rest, the differences (N, k, 3), and their lengths (N, k) [m].
+
+        Differences are times their weights, and zero where nothing was measured.
+        """
         rest = self.statics.rest(self.numbers(x), near)
         gap = np.where(self.valid[..., None], rest.measured - self.measured, 0.0)
+        if self.weights is not None:
+            gap = gap * self.weights[..., None]
         return rest, gap, np.linalg.norm(gap, axis=2)
 
     def scale(self, lengths: np.ndarray) -> float:
         """Standard deviation of one axis [m] from the median of the lengths."""
+        if self.medians is not None:
+            return max(float(np.median((lengths / self.medians)[self.valid])), self.sharpest)
         return max(float(np.median(lengths[self.valid])) / MEDIAN_LENGTH, self.sharpest)
 
     def objective(self, x: np.ndarray, gap: np.ndarray, scale: float) -> float:
@@ -119,6 +139,8 @@ class Problem:
         )
         J, near = self.statics.slopes(self.numbers(x), rest, self.unknowns)
         J = np.where(self.valid[:, :, None, None], J, 0.0)
+        if self.weights is not None:
+            J = J * self.weights[:, :, None, None]
         N, p = len(J), len(x)
         rows, r = J.reshape(N, -1, p), gap.reshape(N, -1)
         if self.whitening is None:
@@ -172,13 +194,21 @@ class Slopes:
         return np.asarray(np.einsum("nr,nrp->p", self.gaps, self.rows) + self.prior)
 
     def leave_out_each(self, free: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-        """J' W r (N, p) of each pose, r in a fit without the pose; ``inverse``: of the Hessian of the free numbers."""
+        """J' W r (N, p) of each pose, r in a fit without the pose.
+
+        ``inverse``: of the Hessian of the free numbers. A pose that determines a number alone has
+        no errors in any fit: it has one row for each error, of the size of the scale.
+        """
         rows = self.rows[:, :, free]
         # part of its errors that the fit leaves
         own = np.eye(rows.shape[1]) - rows @ inverse @ rows.transpose(0, 2, 1)
-        return np.asarray(
-            np.einsum("nr,nrp->np", np.linalg.solve(own, self.gaps[..., None])[..., 0], rows)
-        )
+        alone = np.linalg.eigvalsh(own)[:, 0] < LEAST_LEFT
+        if alone.any():
+            own[alone] = np.eye(rows.shape[1])
+        g = np.einsum("nr,nrp->np", np.linalg.solve(own, self.gaps[..., None])[..., 0], rows)
+        if not alone.any():
+            return np.asarray(g)
+        return np.concatenate([g[~alone], rows[alone].reshape(-1, rows.shape[2])])
 
 
 def fit(
@@ -236,8 +266,12 @@ def fit(
             if before - after < SMALL_GAIN * before + LEAST_GAIN:
                 converged = True
                 break
+    scale = problem.scale(lengths)
+    sizes = np.where(problem.valid, lengths / scale, np.nan)
     errors = np.where(problem.valid, lengths, np.nan)
-    return Minimum(x, rest, gap, errors, problem.scale(lengths), converged, damping)
+    if problem.weights is not None:
+        errors = errors / problem.weights
+    return Minimum(x, rest, gap, errors, scale, converged, damping, sizes)
 
 
 def _bent_step(

@@ -17,6 +17,7 @@ from flexgen.calibration.frames import ENOUGH, rigid_errors, start_frames
 from flexgen.calibration.parameters import trackers_of
 from flexgen.calibration.poses import StaticPoses
 from flexgen.calibration.statics import Numbers, Statics
+from flexgen.calibration.touches import Touches
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 
@@ -76,28 +77,29 @@ def find_start(
 
 
 def start_at_points(statics: Statics, data: StaticPoses) -> Numbers:
-    """The numbers of the model file, for poses at fixed points only; there is no frame to find.
+    """The numbers of the model file, for poses without measured positions: there is no frame.
 
     Raises
     ------
     ArgumentError
-        The trackers are not nearer to their fixed points than those of shuffled commands.
+        The trackers are not nearer to what they touch than those of shuffled commands.
     """
     numbers = Numbers.of(statics.tree)
-    error = _scatter_at_points(statics, numbers, data.groups)
+    error = _scatter_at_points(statics, numbers, data)
     rng = np.random.default_rng(0)
     shuffled = [
         _scatter_at_points(
-            statics.with_commands(rng.permuted(data.commands, axis=0)), numbers, data.groups
+            statics.with_commands(rng.permuted(data.commands, axis=0)), numbers, data
         )
         for _ in range(SHUFFLES)
     ]
     expected = float(np.median(shuffled))
     if error > max(UNEXPLAINED * expected, STILL):
         raise ArgumentError(
-            f"{data.source or 'poses'}: given poses at fixed points where the trackers of the "
-            f"model scatter by {error:.3g} m, as of shuffled commands, {expected:.3g} m; expected "
-            f"poses of {statics.model.name}: check units, signs and the order of the columns"
+            f"{data.source or 'poses'}: given poses at fixed points or surfaces where the "
+            f"trackers of the model scatter by {error:.3g} m, as of shuffled commands, "
+            f"{expected:.3g} m; expected poses of {statics.model.name}: check units, signs and "
+            "the order of the columns"
         )
     return numbers
 
@@ -108,13 +110,28 @@ def place_points(statics: Statics, numbers: Numbers, groups: np.ndarray, count: 
     return np.array([there[groups == k].mean(axis=0) for k in range(count)]).reshape(-1, 3)
 
 
-def _scatter_at_points(statics: Statics, numbers: Numbers, groups: np.ndarray) -> float:
-    """Median distance [m] of the trackers from the mean of those at the same point."""
-    there = statics.rest(numbers, rigid=True).measured
+def place_surfaces(
+    statics: Statics, numbers: Numbers, touches: Touches
+) -> tuple[Touches, np.ndarray]:
+    """The surfaces where the trackers of a rigid robot touch them, and their numbers (m, 3)."""
+    touching = Statics(statics.tree, statics.commands, None, touches)
+    there = touching.rest(numbers, rigid=True)
+    return touches.place(there.points, there.tips)
+
+
+def _scatter_at_points(statics: Statics, numbers: Numbers, data: StaticPoses) -> float:
+    """Median distance [m] of the trackers from the mean at their point, or from their surface."""
+    groups = data.groups
+    touches = data.surfaces
+    touching = Statics(statics.tree, statics.commands, None, touches)
+    there = touching.rest(numbers, rigid=True)
     away = [
-        np.linalg.norm(there[groups == k] - there[groups == k].mean(axis=0), axis=1)
+        np.linalg.norm(there.points[groups == k] - there.points[groups == k].mean(axis=0), axis=1)
         for k in range(int(groups.max()) + 1)
     ]
+    if touches is not None:
+        placed, surfaces = touches.place(there.points, there.tips)
+        away.append(np.abs(placed.residuals(there.points, there.tips, surfaces))[touches.touched])
     return float(np.median(np.concatenate(away)))
 
 

@@ -84,7 +84,7 @@ class Unknown:
 
     Kinds: ``node`` (index of the node), ``frame`` (0 to 5), ``tracker`` (index, axis), ``compliance`` (index),
     ``factor`` (mechanism, coordinate), ``mass`` (index of the body), ``center`` (body, axis),
-    ``point`` (index of the fixed point, axis).
+    ``point`` (index of the fixed point, axis), ``surface`` (index of the surface, number).
     """
 
     name: str

@@ -4,33 +4,46 @@ Names of the columns: those of the actuated coordinates with their unit, ``q1_ra
 ``z_m`` or ``z mm``; those of the trackers with axis and unit, ``m0_x_m`` or ``m0_x_mm``; units as
 of `flexgen.units`. Other columns are ignored. An empty cell is a tracker that was not seen in this
 pose. ``m0_point``: name of the fixed point that the tracker touches in this pose, a point whose
-place is not known, such as a cone that the tip of the tool is put into; with this column those of
-the positions may be missing.
+place is not known, such as a cone that the tip of the tool is put into. ``m0_touch``: what it
+touches otherwise, one of the forms below, with one number in ``m0_reading_mm``. With either column
+those of the positions may be missing. ``m0_sd_mm``: standard deviation of an axis of the position,
+of the distance from the point, or of the reading.
+
+| ``m0_touch`` | surface or gauge | ``m0_reading_mm`` |
+|---|---|---|
+| ``plane NAME`` | a plane whose place is not known | distance from it along its normal; empty: 0 |
+| ``sphere NAME`` | a sphere whose place is not known | distance from its center, both radii |
+| ``gauge NAME AXIS`` | a dial gauge, zeroed anywhere | displacement along the axis |
+| ``coordinate AXIS`` | a plane of the world across an axis | its coordinate |
+
+``AXIS`` is ``x``, ``-y``, ..., of the world of the robot, or of a gauge also ``tool.x``, ...: an
+axis of the tracker, along which the gauge measures its displacement from a point that is fixed in
+the world.
 """
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from flexgen.calibration.parameters import AXES, trackers_of
+from flexgen.calibration.touches import Touches
 from flexgen.counts import number_in
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.records.columns import find_column
-from flexgen.records.tables import is_number
-from flexgen.spec.tables import open_file
+from flexgen.records.tables import read_cells
 from flexgen.type_checks import checked_result
 
 LARGEST = 100_000  # poses
 FAR = 1e6  # rad or m: no number of a robot
 FEWEST_TOUCHES = 2  # poses at a fixed point: its place takes three numbers of the first
+TEXTS = ("_point", "_touch")  # endings of the names of columns that have texts
 
 
 @checked_result  # positions may be nan
@@ -49,6 +62,12 @@ class StaticPoses:
     points : array (N, k) of str, optional
         Names of the fixed points that the trackers touch; empty where they touch none. The place of
         a fixed point is not known, but one name is one place.
+    touches : array (N, k) of str, optional
+        What they touch otherwise, as in a file: ``"plane table"``; empty where nothing.
+    readings : array (N, k) [m], optional
+        Of the touches; nan of a plane: 0.
+    sd : array (N, k) [m], optional
+        Standard deviations; nan: that of the fit.
 
     Examples
     --------
@@ -62,6 +81,9 @@ class StaticPoses:
     positions: np.ndarray
     source: str = "arrays"
     points: np.ndarray | None = None
+    touches: np.ndarray | None = None
+    readings: np.ndarray | None = None
+    sd: np.ndarray | None = None
 
     __repr__ = short_repr
 
@@ -90,6 +112,7 @@ class StaticPoses:
                 "poses: given commands or positions that are not finite; nan marks a position not seen"
             )
         self._set_points(positions)
+        self._set_touches(positions)
 
     def _set_points(self, positions: np.ndarray) -> None:
         shape = positions.shape[:2]
@@ -114,6 +137,57 @@ class StaticPoses:
                     f"least {FEWEST_TOUCHES}: one alone tells nothing"
                 )
 
+    def _set_touches(self, positions: np.ndarray) -> None:
+        shape = positions.shape[:2]
+        touches = np.full(shape, "") if self.touches is None else np.array(self.touches, dtype=str)
+        readings = np.full(shape, np.nan) if self.readings is None else self.readings
+        readings = np.array(readings, dtype=float)
+        sd = None if self.sd is None else np.array(self.sd, dtype=float)
+        for name, array in (("touches", touches), ("readings", readings), ("sd", sd)):
+            if array is not None and array.shape != shape:
+                raise ArgumentError(
+                    f"poses: given {name} of shape {array.shape}, expected {shape}, one for each "
+                    "pose and tracker"
+                )
+        touched = touches != ""
+        seen = ~np.isnan(positions).all(axis=2) | (np.asarray(self.points) != "")
+        planes = np.char.startswith(touches, "plane")
+        empty = np.isnan(readings)
+        for rows, given, expected in (
+            (touched & seen, "a touch, and a position or a fixed point, of", "one of them"),
+            (touched & empty & ~planes, "no reading of the touch of", "a number"),
+            (~touched & ~empty, "a reading without a touch of", "what is touched"),
+            (np.isinf(readings), "an infinite reading of", "a number"),
+        ):
+            if rows.any():
+                row = int(np.argwhere(rows)[0][0]) + 1
+                raise ArgumentError(
+                    f"poses: given {given} one tracker in row {row}, expected {expected}"
+                )
+        if sd is not None and not (np.isnan(sd) | ((sd > 0.0) & np.isfinite(sd))).all():
+            raise ArgumentError("poses: given sd of 0 or less, expected standard deviations > 0")
+        object.__setattr__(self, "touches", touches)
+        filled = np.where(touched & empty, 0.0, readings)
+        object.__setattr__(self, "readings", filled if touched.any() else None)
+        object.__setattr__(self, "sd", sd)
+        found = self.surfaces
+        if found is not None:
+            found.refuse_few()
+
+    @property
+    def surfaces(self) -> Touches | None:
+        """What is touched other than fixed points; None: nothing."""
+        if self.readings is None:
+            return None
+        return Touches.of(np.asarray(self.touches), self.readings)
+
+    @property
+    def weights(self) -> np.ndarray | None:
+        """Factors (N, k) of errors: the median deviation over each; None: none is stated."""
+        if self.sd is None or np.isnan(self.sd).all():
+            return None
+        return np.where(np.isnan(self.sd), 1.0, np.nanmedian(self.sd) / self.sd)
+
     @property
     def point_names(self) -> tuple[str, ...]:
         """Names of the fixed points, sorted."""
@@ -135,16 +209,25 @@ class StaticPoses:
 
     @property
     def targets(self) -> np.ndarray:
-        """Measured positions (N, k, 3) [m]; zero, from the fixed point, where one is touched."""
-        touched = (self.groups >= 0)[..., None]
+        """Measured positions (N, k, 3) [m]; zero where a point or surface is touched."""
+        touched = ((self.groups >= 0) | (np.asarray(self.touches) != ""))[..., None]
         return np.where(touched, 0.0, self.positions)
 
     def __len__(self) -> int:
         return len(self.commands)
 
     @classmethod
-    def read(cls, path: str | Path, model: RobotModel) -> StaticPoses:
+    def read(
+        cls, path: str | Path, model: RobotModel, columns: Sequence[str] | None = None
+    ) -> StaticPoses:
         """The poses of a CSV file, see the head of this module.
+
+        Parameters
+        ----------
+        path : str or Path
+        model : RobotModel
+        columns : sequence of str, optional
+            Names of the columns of a file without a header; those without unit are in SI units.
 
         Returns
         -------
@@ -156,91 +239,80 @@ class StaticPoses:
             The file cannot be read, a column is missing or given twice, a cell is not a number.
         """
         source = Path(path)
-        try:
-            with open_file(source, encoding="utf-8-sig", newline="") as stream:
-                rows = list(_rows(source, csv.reader(stream)))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise ArgumentError(f"{source}: cannot be read as CSV: {error}") from None
-        if not rows:
-            raise ArgumentError(
-                f"{source}: given an empty file, expected a line of names and a line for each pose"
-            )
-        header = [name.strip() for name in rows[0][1]]
-        where = f"{source}:1"
-        if all(is_number(name) for name in header):
-            raise ArgumentError(
-                f"{where}: given numbers in the first line, expected the names of the columns"
-            )
+        header, rows = read_cells(source, LARGEST, columns, _has_texts)
+        table = _Table(source, header, rows, columns is not None)
         actuated = [c for c in model.coordinates if c.actuated]
-        places = [find_column(where, header, c.name, c.unit) for c in actuated]
-        trackers = trackers_of(model)
-        touched = [(k, f"{s.name}_point") for k, s in enumerate(trackers)]
-        touching = [(k, header.index(title)) for k, title in touched if title in header]
-        without = {trackers[k].name for k, _ in touching}
-        points = [
-            _find_axis(where, header, f"{s.name}_{axis}", is_needed=s.name not in without)
-            for s in trackers
-            for axis in AXES
-        ]
-        table = np.array(
-            [_numbers(source, line, row, header, places, points) for line, row in rows[1:]]
+        commands = np.column_stack([table.numbers(c.name, c.unit, False) for c in actuated])
+        of = [table.of_tracker(sensor.name) for sensor in trackers_of(model)]
+        positions, points, touches, readings, deviations = (
+            np.stack([one[k] for one in of], axis=1) for k in range(5)
         )
-        names = np.full((len(table), len(trackers)), "", dtype=object)
-        for k, column in touching:
-            names[:, k] = [row[column].strip() for _, row in rows[1:]]
-        if not len(table):
+        stated = None if np.isnan(deviations).all() else deviations
+        if not rows:
             raise ArgumentError(
                 f"{source}: given a line of names only, expected a line for each pose"
             )
-        n = len(places)
-        positions = table[:, n:].reshape(len(table), -1, 3)
         try:
-            return cls(table[:, :n], positions, str(source), names)
+            return cls(commands, positions, str(source), points, touches, readings, stated)
         except ArgumentError as error:
             raise ArgumentError(f"{source}: {error}") from None
 
 
-def _rows(source: Path, reader: Iterator[list[str]]) -> Iterator[tuple[int, list[str]]]:
-    """Lines that are not empty, with their numbers."""
-    for line, row in enumerate(reader, start=1):
-        if line > LARGEST + 1:
-            raise ArgumentError(
-                f"{source}: given more than {LARGEST} lines, expected at most {LARGEST} poses"
-            )
-        if any(cell.strip() for cell in row):
-            yield line, row
+def _has_texts(name: str) -> bool:
+    return name.strip().endswith(TEXTS)
 
 
-def _find_axis(where: str, header: list[str], name: str, is_needed: bool) -> tuple[int, float]:
-    """Index of the column of an axis of a tracker, and the factor to m; index -1: there is none."""
-    if not is_needed and not any(title.startswith(name) for title in header):
-        return -1, 1.0
-    return find_column(where, header, name, "m")
+@dataclass(frozen=True)
+class _Table:
+    """Cells of a CSV file; ``plain``: columns without unit are in SI units."""
 
+    source: Path
+    header: list[str]
+    rows: list[tuple[int, list[str]]]
+    plain: bool
 
-def _numbers(
-    source: Path,
-    line: int,
-    row: list[str],
-    header: list[str],
-    places: list[tuple[int, float]],
-    points: list[tuple[int, float]],
-) -> list[float]:
-    """The commands and positions of a line in SI units."""
-    if len(row) != len(header):
-        raise ArgumentError(
-            f"{source}:{line}: given {len(row)} cells, expected {len(header)}, as line 1"
+    def texts(self, title: str) -> np.ndarray:
+        """The cells of a column; empty where there is none."""
+        found = [k for k, name in enumerate(self.header) if name == title]
+        if len(found) > 1:
+            raise ArgumentError(f"{self.source}:1: given two columns of {title}, expected one")
+        cells = [row[found[0]] if found else "" for _, row in self.rows]
+        return np.array([" ".join(cell.split()) for cell in cells], dtype=object)
+
+    def numbers(self, name: str, si: str, may_lack: bool, may_miss: bool = False) -> np.ndarray:
+        """The numbers of a column in SI units.
+
+        ``may_lack``: nan where a cell is empty; ``may_miss``: nan where there is no such column.
+        """
+        if may_miss and not any(title.startswith(name) for title in self.header):
+            return np.full(len(self.rows), np.nan)
+        where = f"{self.source}:1"
+        k, factor = find_column(where, self.header, name, si, plain=self.plain)
+        return np.array(
+            [factor * self._number(line, row[k], k, may_lack) for line, row in self.rows]
         )
-    out = []
-    for k, (column, factor) in enumerate([*places, *points]):
-        cell = row[column].strip() if column >= 0 else ""
+
+    def _number(self, line: int, cell: str, k: int, may_lack: bool) -> float:
+        if not cell and may_lack:
+            return math.nan
         try:
-            value = math.nan if not cell and k >= len(places) else number_in(cell)
+            value = number_in(cell)
         except ValueError:
             value = math.inf
-        if not (math.isnan(value) and k >= len(places)) and not abs(value) < FAR:
+        if math.isnan(value) and may_lack:
+            return value
+        if not abs(value) < FAR:
             raise ArgumentError(
-                f"{source}:{line}: {header[column]}: given {cell[:40]!r}, expected a number"
+                f"{self.source}:{line}: {self.header[k]}: given {cell[:40]!r}, expected a number"
             )
-        out.append(factor * value)
-    return out
+        return value
+
+    def of_tracker(self, name: str) -> tuple[np.ndarray, ...]:
+        """Positions (N, 3), names of points and surfaces, readings, deviations (N,)."""
+        points = self.texts(f"{name}_point")
+        touches = self.texts(f"{name}_touch")
+        touching = f"{name}_point" in self.header or f"{name}_touch" in self.header
+        axes = [self.numbers(f"{name}_{axis}", "m", True, touching) for axis in AXES]
+        readings = self.numbers(f"{name}_reading", "m", True, True)
+        deviations = self.numbers(f"{name}_sd", "m", True, True)
+        return np.column_stack(axes), points, touches, readings, deviations

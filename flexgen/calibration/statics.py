@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexgen.calibration.parameters import Unknown, trackers_of
+from flexgen.calibration.touches import Touches
 from flexgen.calibration.tree import IDENTITY, Posture, Tree, rotations
 from flexgen.errors import SolverError
 
@@ -36,7 +37,8 @@ class Numbers:
 
     ``shifts`` (n): of the nodes; ``frame`` (6); ``trackers`` (k, 3); ``compliances`` (n_E); ``factors``: (node of a
     mechanism, node of a coordinate) -> factor; ``masses`` (b); ``centers`` (b, 3);
-    ``points`` (m, 3): fixed points in the frame of the measurement.
+    ``points`` (m, 3): fixed points in the frame of the measurement; ``surfaces`` (m, 3): numbers
+    of `flexgen.calibration.touches`.
     """
 
     shifts: np.ndarray
@@ -47,6 +49,7 @@ class Numbers:
     masses: np.ndarray
     centers: np.ndarray
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    surfaces: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def of(
@@ -66,7 +69,7 @@ class Numbers:
             },
             np.array([body.mass for _, _, body in tree.bodies]),
             np.array([body.com for _, _, body in tree.bodies], float).reshape(-1, 3),
-            np.zeros((1 + max((u.at[0] for u in unknowns if u.kind == "point"), default=-1), 3)),
+            *(np.zeros((_count(unknowns, kind), 3)) for kind in ("point", "surface")),
         )
         arrays = {
             "node": new.shifts,
@@ -77,10 +80,16 @@ class Numbers:
             "mass": new.masses,
             "center": new.centers,
             "point": new.points,
+            "surface": new.surfaces,
         }
         for unknown, value in zip(unknowns, x, strict=True):
             arrays[unknown.kind][unknown.at if len(unknown.at) > 1 else unknown.at[0]] = value  # type: ignore[index]
         return new
+
+
+def _count(unknowns: Sequence[Unknown], kind: str) -> int:
+    """Of the things with numbers of a kind."""
+    return 1 + max((u.at[0] for u in unknowns if u.kind == kind), default=-1)
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,8 @@ class Rest:
 
     ``q`` (N, n): values of the nodes; ``near``: deflections, and what found them; ``load`` (N, n_E): ``tau`` [N m or
     N]; ``points`` (N, k, 3): the trackers in the world; ``measured`` (N, k, 3): in the frame of the
-    measurement [m], from the fixed point where one is touched.
+    measurement [m], from the fixed point where one is touched; of a surface, the difference from
+    its reading and two zeros. ``tips`` (N, t, 3): ends of the axes of `Touches.tips` in the world.
     """
 
     q: np.ndarray
@@ -110,6 +120,7 @@ class Rest:
     points: np.ndarray
     measured: np.ndarray
     posture: Posture
+    tips: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -137,11 +148,20 @@ class Statics:
     groups : array (N, k), optional
         Index of the fixed point that each tracker touches, whose measured position is the distance
         from it; -1: none.
+    touches : Touches, optional
+        Surfaces and gauges.
     """
 
-    def __init__(self, tree: Tree, commands: np.ndarray, groups: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        commands: np.ndarray,
+        groups: np.ndarray | None = None,
+        touches: Touches | None = None,
+    ) -> None:
         self.tree, self.model, self.commands = tree, tree.model, commands
         self.groups = groups
+        self.touches = touches
         self.actuated = [tree.index[c.name] for c in tree.model.coordinates if c.actuated]
         self.elastic = np.array([tree.index[name] for name in tree.elastic], int)
         self.mechanisms = [tree.index[name] for name in tree.mimics]
@@ -158,10 +178,11 @@ class Statics:
     def among(self, rows: np.ndarray) -> Statics:
         """The same for some of the poses."""
         groups = None if self.groups is None else self.groups[rows]
-        return Statics(self.tree, self.commands[rows], groups)
+        touches = None if self.touches is None else self.touches.among(rows)
+        return Statics(self.tree, self.commands[rows], groups, touches)
 
     def with_commands(self, commands: np.ndarray) -> Statics:
-        """The same for other poses, that touch no fixed points."""
+        """The same for other poses, that touch nothing."""
         return Statics(self.tree, commands)
 
     def rest(self, numbers: Numbers, near: Near | None = None, *, rigid: bool = False) -> Rest:
@@ -207,7 +228,27 @@ class Statics:
         if self.groups is not None and len(numbers.points):
             touched = (self.groups >= 0)[..., None]
             measured = measured - np.where(touched, numbers.points[self.groups], 0.0)
-        return Rest(q, Near(deflection, inverse), load, points, measured, posture)
+        tips = self._tips(numbers, posture)
+        if self.touches is not None:
+            away = self.touches.residuals(points, tips, self._surfaces(numbers))
+            scalar = away[..., None] * IDENTITY[0]
+            measured = np.where(self.touches.touched[..., None], scalar, measured)
+        return Rest(q, Near(deflection, inverse), load, points, measured, posture, tips)
+
+    def _tips(self, numbers: Numbers, posture: Posture) -> np.ndarray:
+        """Ends (N, t, 3) [m] in the world of the axes of 1 m that gauges measure along."""
+        axes = () if self.touches is None else self.touches.tips
+        ends = [
+            self.tree.point(posture, self.places[k], numbers.trackers[k] + IDENTITY[axis])
+            for k, axis in axes
+        ]
+        return np.stack(ends, axis=1) if ends else np.zeros((len(self.commands), 0, 3))
+
+    def _surfaces(self, numbers: Numbers) -> np.ndarray:
+        """Numbers (m, 3) of all surfaces; zero of those that have none."""
+        out = np.zeros((0 if self.touches is None else len(self.touches.surfaces), 3))
+        out[: len(numbers.surfaces)] = numbers.surfaces
+        return out
 
     def _inverse(
         self, numbers: Numbers, posture: Posture, q: np.ndarray, T: np.ndarray
@@ -250,6 +291,8 @@ class Statics:
         )
         change = c * self._of_moves(weights, T, range(len(c)), range(len(c), len(self.rows)))
         places = [(mount, rest.points[:, k]) for k, mount in enumerate(self.places)]
+        axes = () if self.touches is None else self.touches.tips
+        places += [(self.places[k], rest.tips[:, t]) for t, (k, _) in enumerate(axes)]
         J = np.concatenate(
             [self.tree.point_slopes(rest.posture, mount, point) for mount, point in places], axis=1
         )
@@ -276,15 +319,38 @@ class Statics:
             if unknown.kind == "tracker":
                 k, axis = unknown.at
                 mount = self.places[k]
-                out[:, k, :, i] = rest.posture.frame(mount.node)[0] @ mount.rotation[:, axis]
-        out = frame_rotation(numbers.frame) @ out
+                ends = [len(self.places) + t for t, (of, _) in enumerate(axes) if of == k]
+                turned = rest.posture.frame(mount.node)[0] @ mount.rotation[:, axis]
+                for place in (k, *ends):
+                    out[:, place, :, i] = turned
+        world = out
+        out = frame_rotation(numbers.frame) @ world[:, : len(self.places)]
         turned = frame_slopes(numbers.frame)
         for i in frame:
             out[..., i] = IDENTITY[at[i]] if at[i] < 3 else rest.points @ turned[at[i] - 3].T
         for i, unknown in enumerate(unknowns):
             if unknown.kind == "point" and self.groups is not None:
                 out[:, :, unknown.at[1], i] = -1.0 * (self.groups == unknown.at[0])
+        if self.touches is not None:
+            self._set_touches(out, numbers, rest, world, unknowns)
         return out, Near(rest.near.deflection, inverse)
+
+    def _set_touches(
+        self,
+        out: np.ndarray,
+        numbers: Numbers,
+        rest: Rest,
+        world: np.ndarray,
+        unknowns: Sequence[Unknown],
+    ) -> None:
+        """Set the slopes of touches; ``world`` (N, k + t, 3, p): those of trackers and tips."""
+        if self.touches is None:
+            return
+        at = self.touches.touched
+        J, J_tips = np.split(world, [len(self.places)], axis=1)
+        surfaces = self._surfaces(numbers)
+        out[at] = 0.0
+        out[at, 0] = self.touches.slopes(rest.points, rest.tips, surfaces, J, J_tips, unknowns)[at]
 
     def _moves(self, numbers: Numbers) -> np.ndarray:
         """``T`` (n, n_E): the nodes that each elastic coordinate moves, through mechanisms too."""

@@ -49,7 +49,10 @@ def text_of_calibration(found: Calibration) -> str:
     ]
     if lines:
         parts.append(table(lines, ("number", "before", "calibrated", "sd", "unit", "")))
-    rest = len(found.unknowns) - len(listed)
+    touched = [u for u in found.unknowns if u.kind == "surface"]
+    if touched:
+        parts.append(_surfaces(found, touched))
+    rest = len(found.unknowns) - len(listed) - len(touched)
     count = sum(determined.values())
     parts.append(
         f"{count} of {len(found.unknowns)} numbers are determined by the measurements, the others keep their prior; "
@@ -57,12 +60,30 @@ def text_of_calibration(found: Calibration) -> str:
     )
     if not found.poses.is_measured:
         parts.append(
-            "fixed points only: no frame of the measurement, places are those of the robot"
+            f"{_kinds(found)} only: no frame of the measurement, places are those of the robot"
         )
         return "\n\n".join(parts)
     frame = ", ".join(number(float(x)) for x in found.frame)
     parts.append(f"pose of the world in the frame of the measurement ({FRAME}): {frame} (m, rad)")
     return "\n\n".join(parts)
+
+
+def _surfaces(found: Calibration, touched: list[Unknown]) -> str:
+    """Places of surfaces and zeros of gauges, as far as they are determined."""
+    rows = []
+    for unknown in touched:
+        known = found.determined[unknown.name]
+        value = number(found.values[unknown.name]) if known else "not determined"
+        sd = number(found.sd[unknown.name]) if known else ""
+        rows.append([unknown.name, value, sd, unknown.unit])
+    return table(rows, ("surfaces and gauges, world of the robot", "value", "sd", "unit"))
+
+
+def _kinds(found: Calibration) -> str:
+    """Kinds of what is touched."""
+    points = ["fixed points"] * bool(found.poses.point_names)
+    surfaces = ["touches and gauges"] * (found.poses.surfaces is not None)
+    return " and ".join([*points, *surfaces])
 
 
 def _mark(unknown: Unknown, sd: dict[str, float], determined: dict[str, bool]) -> str:

@@ -263,7 +263,9 @@ def test_warnings_of_a_calibration() -> None:
 
     def found(**more: Any) -> Any:
         fields = {"errors": errors, "scale": 1e-3, "converged": True}
-        return SimpleNamespace(**(fields | more))
+        made = SimpleNamespace(**(fields | more))
+        made.sizes = made.errors / made.scale
+        return made
 
     none = np.zeros(3)
     assert calibrate._warnings(unknowns, found(), none, None) == ()
@@ -393,6 +395,7 @@ def lines(robust: bool, whitening: np.ndarray | None = None) -> tuple[Lines, np.
     statics: Any = SimpleNamespace(
         rest=lambda x, near: SimpleNamespace(measured=slopes @ x, near=near),
         slopes=lambda x, rest, unknowns: (slopes, rest.near),
+        touches=None,
     )
     return Lines(statics, measured, unknowns, robust, whitening), slopes
 
@@ -475,7 +478,7 @@ def test_errors_of_a_small_robot_keep_their_scale() -> None:
     for size, least in ((0.02, 2e-8), (3.0, 1e-6), (0.0, 1e-6)):
         measured = np.zeros((3, 1, 3))
         measured[1, 0, 2], measured[2, 0] = size, np.nan
-        made = Problem(SimpleNamespace(), measured, [], True)  # type: ignore[arg-type]
+        made = Problem(SimpleNamespace(touches=None), measured, [], True)  # type: ignore[arg-type]
         for error in (1e-7, 1e-12):
             found = made.scale(np.full((3, 1), error))
             assert found == pytest.approx(max(error / fits.MEDIAN_LENGTH, least), rel=1e-12)

@@ -38,10 +38,9 @@ def calibrate(args: Namespace, log: Progress) -> VerbResult:
                 f"--prior: given {name}={value}, expected a number for one of {', '.join(vars(priors))}"
             )
         priors = flexgen.Priors(**(vars(priors) | {name: float(value)}))
-    poses = StaticPoses.read(args.poses, model)
-    found = flexgen.calibrate(
-        model, poses, priors=priors, **keywords(args, "poses", "priors"), progress=throttle(log)
-    )
+    poses = StaticPoses.read(args.poses, model, args.columns)
+    given = keywords(args, "poses", "priors", "columns")
+    found = flexgen.calibrate(model, poses, priors=priors, **given, progress=throttle(log))
     data = found.to_dict()
     text = found.to_text()
     files = dict[str, Writer]()
