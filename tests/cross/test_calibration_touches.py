@@ -308,7 +308,7 @@ def test_intervals_hold_what_touches_determine(
 
 
 def test_a_planted_error_is_outside_the_intervals(tmp_path: Path) -> None:
-    """A joint that is turned, and a ball of another radius."""
+    """A joint that is turned; a block that is 2 mm higher, which remains in the errors."""
     text, (q, touches, readings), numbers = drawn("touches", False, 0, 40)
     robot = robot_of(text, tmp_path)
     turned = poses_of(q + 0.01 * (np.arange(6) == 2), touches, readings)
@@ -316,9 +316,7 @@ def test_a_planted_error_is_outside_the_intervals(tmp_path: Path) -> None:
     assert abs(found.values["q3.zero"] - numbers["q3.zero"]) > 5 * found.sd["q3.zero"]
     higher = poses_of(q, touches, np.where(readings > 0.05, readings + 0.002, readings))
     found = flexgen.calibrate(robot, higher, free=free_of(False), priors=PRIORS, folds=0)
-    names = [name for name in numbers if found.determined.get(name)]
-    away = [abs(found.values[name] - numbers[name]) / found.sd[name] for name in names]
-    assert max(away) > 4
+    assert np.nanmean(found.errors) > 2 * 0.8 * NOISE
 
 
 def test_readings_with_stated_deviations_count_by_them(tmp_path: Path) -> None:
