@@ -1,11 +1,13 @@
-"""Batches of all point functions against a loop of single calls that writes the same arrays.
+"""Batches of all point functions against two loops of single calls: results kept, and not kept.
 
     python benchmarks/batches/measure.py [MODEL ...] [--quick]
 
-For each function and number of points one program calls both in turn on one core. The loop copies the inputs of a
-point, calls the function and copies its results to the structure of arrays, as a caller without a batch would: point
-by point, or 16 points at a time, whichever is faster. The table of minimum times goes to benchmarks/batches/batches.md,
-unless models are named. Compare the ratios.
+For each function and number of points one program calls all in turn on one core. The loop that
+keeps results does what the batch does: it copies the inputs of a point, calls the function and
+copies its results to the structure of arrays, point by point, or 16 points at a time, whichever is
+faster. The other loop reads 64 points in turn and writes all results to one place, so that both
+stay in the cache: a controller that needs a result once. The table of minimum times, processor time
+of the thread, goes to benchmarks/batches/batches.md, unless models are named. Compare the ratios.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ import platform
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -43,7 +47,7 @@ PROGRAM = """\
 static double now(void)
 {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
@@ -67,11 +71,17 @@ static double *random_numbers(size_t reals)
 }
 
 #define TILE 16
+#define STATES 64
 #define BLOCKS %(blocks)d
 #define SECONDS %(seconds)g
-#define BEST(best, statement) do { const double began = now(); long r = 0; \\
-    do { statement; ++r; } while (now() - began < SECONDS); \\
-    const double took = (now() - began) / (double)r; if (took < best) { best = took; } } while (0)
+/* as many calls as take SECONDS, found in the first block */
+#define BEST(best, calls, statement) do { for (;;) { \\
+    const double began = now(); \\
+    for (long r = 0; r < calls; ++r) { statement; } \\
+    const double took = now() - began; \\
+    if (took / (double)calls < best) { best = took / (double)calls; } \\
+    if (took >= SECONDS) { break; } \\
+    calls *= 2; } } while (0)
 
 static double *work, *one;
 """
@@ -113,6 +123,12 @@ def body(name: str, function: dict[str, Any]) -> str:
         " ".join(rows.format(s=s, copy=f"{to} = {of};".format(x=x, s=s)) for x, s in ports)
         for ports, to, of in ((inputs, here, there), (outputs, there, here))
     )
+    total = sum(size for _, size in inputs)
+    begins = [sum(size for _, size in inputs[:i]) for i in range(len(inputs))]
+    given_alone = ", ".join(
+        [*(f"point + {begin}" for begin in begins), *(f"one_{x}" for x, _ in outputs)]
+    ) + (", one" if function["work"] else "")
+    results = " ".join(f"static double one_{x}[{size}];" for x, size in outputs)
     made = " ".join(f"double *{x} = random_numbers({s} * (size_t)n);" for x, s in inputs)
     made += " ".join(
         f"double *{x} = memory({s} * (size_t)n), *{x}_loop = memory({s} * (size_t)n);"
@@ -147,30 +163,59 @@ static __attribute__((noinline)) int tiles_{f}(int n, {arguments})
     return status;
 }}
 
+static __attribute__((noinline)) int alone_{f}(int n, const double *points)
+{{
+    int status = 0;
+    {results}
+    for (int k = 0; k < n; ++k) {{
+        const double *point = points + (size_t)(k % STATES) * {total};
+        status |= {name}_{f}({given_alone});
+    }}
+    return status;
+}}
+
 static void time_{f}(int n)
 {{
-    double loop = 1e9, tiles = 1e9, batch = 1e9;
+    double loop = 1e9, tiles = 1e9, alone = 1e9, batch = 1e9;
+    long loops = 1, tiled = 1, alones = 1, batches = 1;
+    double *points = random_numbers(STATES * {total});
     {made}
     if (loop_{f}(n, {loop_names}) != 0 || {name}_{f}_batch(n, {names}, work) != 0) {{ exit(3); }}
     const int equal = {same};
     for (int k = 0; k < BLOCKS; ++k) {{
-        BEST(loop, loop_{f}(n, {loop_names}));
-        BEST(tiles, tiles_{f}(n, {loop_names}));
-        BEST(batch, {name}_{f}_batch(n, {names}, work));
+        BEST(loop, loops, loop_{f}(n, {loop_names}));
+        BEST(tiles, tiled, tiles_{f}(n, {loop_names}));
+        BEST(alone, alones, alone_{f}(n, points));
+        BEST(batch, batches, {name}_{f}_batch(n, {names}, work));
     }}
-    printf("{f} %d %.6g %.6g %.6g %d\\n", n, 1e9 * loop / n, 1e9 * tiles / n, 1e9 * batch / n, equal);
+    const double kept = loop < tiles ? loop : tiles;
+    const double each = 1e9 / n;
+    printf("{f} %d %.6g %.6g %.6g %d\\n", n, each * kept, each * alone, each * batch, equal);
     fflush(stdout);
-    {free}
+    free(points); {free}
 }}
 """
 
 
-def measure(model: str, folder: Path, quick: bool, isa: str) -> list[tuple[str, int, float, float]]:
-    """Function, number of points, ns per point of the loop and of the batch, for all functions of a model."""
+@dataclass(frozen=True)
+class Row:
+    """A function with a number of points: ns per point of both loops and of the batch."""
+
+    model: str
+    isa: str
+    function: str
+    points: int
+    kept: float
+    not_kept: float
+    batch: float
+
+
+def measure(model: str, folder: Path, quick: bool, isa: str) -> list[Row]:
+    """All functions of a model, built for an instruction set."""
     made = flexgen.generate(model, folder / Path(model).stem, isa=isa)
     manifest = json.loads((made.directory / "manifest.json").read_text())
     name, functions = manifest["name"], manifest["functions"]
-    text = PROGRAM.replace("NAME", name) % {"blocks": 7 if quick else 31, "seconds": 2e-3}
+    text = PROGRAM.replace("NAME", name) % {"blocks": 7 if quick else 21, "seconds": 5e-4}
     calls = ""
     for function in functions:
         text += body(name, function)
@@ -198,62 +243,91 @@ def measure(model: str, folder: Path, quick: bool, isa: str) -> list[tuple[str, 
     ran = subprocess.run([str(program)], check=True, capture_output=True, text=True)
     rows = []
     for line in ran.stdout.splitlines():
-        function_name, n, loop, tiles, batch, equal = line.split()
+        function_name, n, kept, not_kept, batch, equal = line.split()
         if equal != "1":
             raise SystemExit(f"{model}, {function_name}: batch and loop differ")
-        rows.append((function_name, int(n), min(float(loop), float(tiles)), float(batch)))
+        times = float(kept), float(not_kept), float(batch)
+        rows.append(Row(Path(model).stem, isa, function_name, int(n), *times))
     return rows
 
 
-def table(rows: list[tuple[str, str, str, int, float, float]]) -> str:
-    """The smallest ratio of each model, instruction set and number of points, with its function."""
+def worst(rows: list[Row], times: Callable[[Row], float]) -> str:
+    """The smallest ratio of a loop's time to the batch's, with its function."""
+    if not rows:
+        return "-"
+    row = min(rows, key=lambda each: times(each) / each.batch)
+    return f"{times(row) / row.batch:.2f} ({row.function})"
+
+
+def table(rows: list[Row], times: Callable[[Row], float]) -> str:
+    """The smallest ratio of each model, instruction set and number of points."""
     counts = (*COUNTS, MEMORY)
     lines = [
-        "# Batches against loops of single calls",
-        "",
-        "`python benchmarks/batches/measure.py` writes this file. Time of a loop of single calls that writes the same",
-        "arrays, divided by the time of the batch: the smallest ratio over all point functions of the library, and its",
-        "function. Minimum times of one run in which both alternate; above 1 the batch is faster. Up to half a vector",
-        "of points, a batch calls the function for one point; its checks cost some nanoseconds more than a loop.",
-        "",
-        f"- machine: {platform.machine()}, {os.cpu_count()} cores, one used; default flags, instruction set as named",
-        f"- compiler: {subprocess.run([CC, '--version'], capture_output=True, text=True).stdout.splitlines()[0]}",
-        "",
         "| robot | instruction set | " + " | ".join(f"{n} points" for n in counts) + " |",
         "| --- | --- |" + " --- |" * len(counts),
     ]
-    for model, isa in dict.fromkeys(row[:2] for row in rows):
-        cells = []
-        for n in counts:
-            found = [
-                (loop / batch, f)
-                for m, i, f, k, loop, batch in rows
-                if (m, i, k) == (model, isa, n)
-            ]
-            ratio, function = min(found)
-            cells.append(f"{ratio:.2f} ({function})")
+    for model, isa in dict.fromkeys((row.model, row.isa) for row in rows):
+        own = [row for row in rows if (row.model, row.isa) == (model, isa)]
+        cells = [worst([row for row in own if row.points == n], times) for n in counts]
         lines.append(f"| `{model}` | {isa} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
+
+
+def page(rows: list[Row]) -> str:
+    """Both tables, with what they compare."""
+    version = subprocess.run([CC, "--version"], capture_output=True, text=True, check=True).stdout
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, one used"
+    slower = [row for row in rows if row.kept < row.batch]
+    found = ", ".join(f"{r.function} of {r.model}, {r.isa}, {r.points} points" for r in slower)
+    return f"""# Batches against loops of single calls
+
+`python benchmarks/batches/measure.py` writes this file. Time of a loop of single calls, divided by
+the time of the batch: the smallest ratio over all point functions of the library, and its function.
+Minimum processor times of one run in which all alternate; above 1 the batch is faster. Up to half a
+vector of points, a batch calls the function for one point; its checks cost some nanoseconds more.
+
+- machine: {machine}; default flags, instruction set as named
+- compiler: {version.splitlines()[0]}
+
+## Results kept
+
+The loop writes the same arrays as the batch. This is the comparison that decides what to call for
+many points. Slower as a batch, of {len(rows)} functions and numbers of points: {found or "none"}.
+
+{table(rows, lambda row: row.kept)}
+
+## Results not kept
+
+The loop reads 64 points in turn and writes all results to one place, so that both stay in the
+cache, while the batch reads and writes the arrays of all points. Where a point has hundreds of
+results, such as derivatives, writing them to memory can take longer than computing them, and the
+ratio is below 1: it says what the arrays cost, not that a loop would fill them faster.
+benchmarks/peers.md compares in this way.
+
+{table(rows, lambda row: row.not_kept)}
+"""
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("models", nargs="*")
     parser.add_argument("--quick", action="store_true", help="fewer blocks")
+    parser.add_argument("--isa", nargs="+", default=ISAS, help="instruction sets")
     args = parser.parse_args()
     rows = []
-    for isa in ISAS:
+    for isa in args.isa:
         for model in args.models or MODELS:
-            with tempfile.TemporaryDirectory() as folder:
-                for row in measure(model, Path(folder), args.quick, isa):
-                    rows.append((Path(model).stem, isa, *row))
+            with tempfile.TemporaryDirectory() as made_in:
+                for row in measure(model, Path(made_in), args.quick, isa):
+                    rows.append(row)
+                    ratios = f"{row.kept / row.batch:.2f}, {row.not_kept / row.batch:.2f}"
                     print(
-                        *rows[-1][:4],
-                        f"{row[2]:.1f} {row[3]:.1f} ns, {row[2] / row[3]:.2f}",
+                        *(row.model, row.isa, row.function, row.points),
+                        f"{row.kept:.5g} {row.not_kept:.5g} {row.batch:.5g} ns, {ratios}",
                         file=sys.stderr,
                         flush=True,
                     )
     if args.models:
-        print(table(rows))
+        print(page(rows))
     else:
-        (HERE / "batches.md").write_text(table(rows))
+        (HERE / "batches.md").write_text(page(rows))
