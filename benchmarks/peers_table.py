@@ -154,7 +154,9 @@ cycling states. The functions of flexgen are called as by a user, with their che
 Pinocchio and CasADi check nothing. MuJoCo is the library of its package; mj_inverse and mj_forward do more than a user
 of these functions may need (contacts, energy, sensors, the factors of the mass matrix), and the mass matrix is its
 mj_kinematics, mj_comPos and mj_makeM. Batches are structures of arrays: of 4096 points, a power of two, where all
-arrays use the same cache sets; of 4000; of 200, which fit into the cache. Pinocchio fills half of a symmetric
+arrays use the same cache sets; of 4000; of 200, which fit into the cache. Single calls write all
+results to one place, which stays in the cache; batches/batches.md compares batches with loops that
+keep the results of all points. Pinocchio fills half of a symmetric
 matrix, flexgen all of it. Pinocchio uses its special joints for axes along x, y and z, and the faster of its
 two conventions. "Pinocchio, generated" is its code generation: its algorithms on CasADi's symbols, written as C by
 CasADi and compiled like flexgen's. The loop around the calls takes about 1.5 ns.
