@@ -39,7 +39,7 @@ SHORTEST = {
     "inversion.py": ["--quick", "--robots", "planar5_nmp"],
     "kernel.py": ["gcc"],
     "models.py": ["elbow"],
-    "peers.py": ["--quick", "--robots", "elbow"],
+    "peers.py": ["--quick", "--robots", "ur5"],
     "planning.py": ["--quick"],
     "reversals/reversals.py": [RESULTS, "--quick"],
     "sizes.py": ["elbow"],
