@@ -300,8 +300,8 @@ many points. Slower as a batch, of {len(rows)} functions and numbers of points: 
 
 The loop reads 64 points in turn and writes all results to one place, so that both stay in the
 cache, while the batch reads and writes the arrays of all points. Where a point has hundreds of
-results, such as derivatives, writing them to memory can take longer than computing them, and the
-ratio is below 1: it says what the arrays cost, not that a loop would fill them faster.
+results (derivatives), or few operations, moving them through memory can take longer than computing
+them, and the ratio is below 1: it says what the arrays cost, not that a loop would fill them faster.
 benchmarks/peers.md compares in this way.
 
 {table(rows, lambda row: row.not_kept)}
